@@ -27,7 +27,7 @@ changed = ff.PlanningProblem(
     points=50,
     obstacles=(
         *problem.obstacles,
-        ff.SphereObstacle("antenna", center=[1.2, -0.6, 0.3], radius=0.1),
+        ff.Obstacle.sphere("antenna", center=[1.2, -0.6, 0.3], radius=0.1),
     ),
     objective=ff.Objective(joint_path_length=1.0, chaser_attitude=0.0),
     limits=ff.Limits(joint_velocities=True, chaser_rotation=0.2),

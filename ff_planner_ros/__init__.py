@@ -18,17 +18,16 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.motion.plan import Trajectory as Trajectory
     from ff_planner_ros.planning.problem.approach import Approach as Approach
     from ff_planner_ros.planning.problem.camera import Camera as Camera
-    from ff_planner_ros.planning.problem.obstacles import ObstacleBody as ObstacleBody
+    from ff_planner_ros.planning.problem.obstacles import Obstacle as Obstacle
+    from ff_planner_ros.planning.problem.obstacles import RigidMotion as RigidMotion
     from ff_planner_ros.planning.problem.problem import DurationRange as DurationRange
     from ff_planner_ros.planning.problem.problem import Limits as Limits
     from ff_planner_ros.planning.problem.problem import Objective as Objective
     from ff_planner_ros.planning.problem.problem import PlanningProblem as PlanningProblem
-    from ff_planner_ros.planning.problem.problem import Sphere as SphereObstacle  # noqa: F401
     from ff_planner_ros.planning.problem.problem import Target as Target
     from ff_planner_ros.planning.problem.problem import with_capture_target as with_capture_target
     from ff_planner_ros.planning.problem.settings import PlannerSettings as PlannerSettings
-    from ff_planner_ros.planning.problem.target_body import AttachedBody as AttachedBody
-    from ff_planner_ros.planning.problem.target_body import AttachedSphere as AttachedSphere
+    from ff_planner_ros.planning.problem.target_body import AttachedObstacle as AttachedObstacle
     from ff_planner_ros.planning.problem.target_body import TargetBody as TargetBody
     from ff_planner_ros.planning.scenario.scenario import Defaults as Defaults
     from ff_planner_ros.planning.scenario.scenario import load_scenario as load_scenario
@@ -49,15 +48,15 @@ _MODULES = {
     "parameters": ("load_parameters",),
     "planning.task.task": ("PlanningTask", "perform"),
     "planning.problem.problem": (
-        *("PlanningProblem", "Target", "SphereObstacle", "Objective", "Limits"),
+        *("PlanningProblem", "Target", "Objective", "Limits"),
         "DurationRange",
         "with_capture_target",
     ),
-    "planning.problem.obstacles": ("ObstacleBody",),
+    "planning.problem.obstacles": ("Obstacle", "RigidMotion"),
     "robot.collision.solids": ("Solid",),
     "planning.problem.approach": ("Approach",),
     "planning.problem.camera": ("Camera",),
-    "planning.problem.target_body": ("TargetBody", "AttachedSphere", "AttachedBody"),
+    "planning.problem.target_body": ("TargetBody", "AttachedObstacle"),
     "robot.model": ("Robot", "load_robot"),
     "robot.collision.geometry": ("Geometry",),
     "robot.state": ("SystemState",),
@@ -71,7 +70,7 @@ _MODULES = {
     "errors": ("FfPlannerError", "InvalidInput", "NoPlanFound"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
-_NAME_THERE = {"simulate_plan": "verify", "SphereObstacle": "Sphere"}
+_NAME_THERE = {"simulate_plan": "verify"}
 __all__ = [*_MODULE_OF]
 
 

@@ -15,9 +15,8 @@ from robots import LEMUR_URDF, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.obstacles import bodies_in, spheres_in
-from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere, attached
-from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion, attached
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
@@ -46,7 +45,7 @@ def with_solids(urdf: str, solids: dict[str, str]) -> str:
     return urdf
 
 
-def pinocchio_geometry(robot: Robot, spheres: Sequence[Sphere]) -> pin.GeometryModel:
+def pinocchio_geometry(robot: Robot, spheres: Sequence[Obstacle]) -> pin.GeometryModel:
     """Return bodies, then spheres, and all pairs that must not touch: bodies', then spheres'."""
     model = pin.GeometryModel()
     for k, body in enumerate(robot.bodies):
@@ -142,7 +141,7 @@ def _words(vector: Array) -> str:
     return " ".join(str(float(number)) for number in vector)
 
 
-def tumbling_spheres(rng: np.random.Generator, around: Array, count: int) -> tuple[Sphere, ...]:
+def tumbling_spheres(rng: np.random.Generator, around: Array, count: int) -> tuple[Obstacle, ...]:
     """Spheres that are fixed to a body which drifts and tumbles, about a metre from a place."""
     moments = rng.uniform(1.0, 2.0, 3)
     body = TargetBody(
@@ -154,11 +153,11 @@ def tumbling_spheres(rng: np.random.Generator, around: Array, count: int) -> tup
         linear_velocity=0.05 * rng.normal(size=3),
         angular_velocity=0.3 * rng.normal(size=3),
         obstacles=tuple(
-            AttachedSphere(f"part_{number}", rng.normal(size=3), rng.uniform(0.05, 0.15))
+            AttachedObstacle.sphere(f"part_{number}", rng.normal(size=3), rng.uniform(0.05, 0.15))
             for number in range(count)
         ),
     )
-    return spheres_in(tuple(attached(body)))
+    return tuple(attached(body))
 
 
 def random_solid(rng: np.random.Generator, kind: str) -> Solid:
@@ -170,12 +169,10 @@ def random_solid(rng: np.random.Generator, kind: str) -> Solid:
     return Solid(kind, np.exp(rng.uniform(np.log(0.01), np.log(1.0), sizes)))
 
 
-def random_obstacles(
-    rng: np.random.Generator, around: Array, count: int
-) -> tuple[ObstacleBody, ...]:
+def random_obstacles(rng: np.random.Generator, around: Array, count: int) -> tuple[Obstacle, ...]:
     """Obstacles of all kinds near a place, which rest, move, turn, or tumble with a body."""
     kinds = ("box", "cylinder", "capsule", "cone", "mesh")
-    found: list[ObstacleBody] = []
+    found: list[Obstacle] = []
     (fixed,) = {one.body for one in tumbling_spheres(rng, around, 1)}
     assert fixed is not None
     held = []
@@ -186,7 +183,7 @@ def random_obstacles(
         velocity = rng.normal(0.0, 0.05, 3) * (number % 3 > 0)
         rate = rng.normal(0.0, 0.2, 3) * (number % 3 > 1)
         if number % 4 == 3:
-            held.append(AttachedBody(str(number), solid, place - fixed.position, turn))
+            held.append(AttachedObstacle(str(number), solid, place - fixed.position, turn))
         else:
-            found.append(ObstacleBody(str(number), solid, place, turn, velocity, rate))
-    return (*found, *bodies_in(tuple(attached(replace(fixed, obstacles=tuple(held))))))
+            found.append(Obstacle(str(number), solid, RigidMotion(place, turn, velocity, rate)))
+    return (*found, *attached(replace(fixed, obstacles=tuple(held))))

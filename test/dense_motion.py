@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -138,11 +138,11 @@ def arms(robot: Robot, q: Array) -> tuple[Array, Rotation]:
     return points, Rotation.from_matrix(turns)
 
 
-def centers_of(sphere: Sphere, time: Array) -> Array:
+def centers_of(sphere: Obstacle, time: Array) -> Array:
     """Where a sphere's centre is at some times; how bodies tumble is tested by itself."""
     if sphere.body is not None:
-        return sphere.body.places(np.array([sphere.place_in_body], np.float64), time)[:, 0]
-    return np.asarray(sphere.center + time[:, None] * sphere.velocity)
+        return sphere.body.places(sphere.motion.lever[None], time)[:, 0]
+    return np.asarray(sphere.center + time[:, None] * sphere.motion.velocity)
 
 
 def to_lines(arm: Array, centers: Array) -> Array:

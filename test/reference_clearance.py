@@ -17,7 +17,7 @@ from ff_planner_ros.planning.distance.clearance import (
     clearances,
     segments,
 )
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 
@@ -27,7 +27,7 @@ def clearance_rows(
     q: Array,
     q_sensitivity: Array,
     times: Array,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[Obstacle],
     interest: float,
     quarter_way: bool,
 ) -> tuple[Array, Array, Indices]:
@@ -120,7 +120,7 @@ def search_certificate(
     q: Array,
     v: Array,
     times: Array,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[Obstacle],
     gap: float = CERTIFICATE_GAP,
     part: float = 0.0,
 ) -> float:
@@ -207,7 +207,7 @@ def _cubics(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
     return np.array(found)
 
 
-def _distances(robot: Robot, q: Array, times: Array, spheres: Sequence[Sphere]) -> Array:
+def _distances(robot: Robot, q: Array, times: Array, spheres: Sequence[Obstacle]) -> Array:
     """Return the distances of the arm from spheres at some times. Shape (points, spheres) [m]."""
     points, *_ = _arm_kinematics(robot, q)
     columns = [to_lines(points, centers_of(one, times)) - one.radius for one in spheres]

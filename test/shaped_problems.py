@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, with_capture_target
-from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
+from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
 
 # Of each kind but the sphere, which is an obstacle of its own.
@@ -27,23 +27,25 @@ SOLIDS = {
 FAR = np.array([30.0, -20.0, 10.0])  # where nothing is met
 
 
-def bodies(rng: np.random.Generator) -> Iterator[ObstacleBody]:
+def bodies(rng: np.random.Generator) -> Iterator[Obstacle]:
     """Yield a body of each kind, far away: one rests, and the others move and turn."""
     for number, (kind, solid) in enumerate(SOLIDS.items()):
-        yield ObstacleBody(
+        yield Obstacle(
             kind,
             solid,
-            FAR + rng.normal(size=3),
-            Rotation.random(random_state=number).as_quat(),
-            rng.normal(scale=0.1, size=3) if number else np.zeros(3),
-            rng.normal(scale=0.1, size=3) if number > 1 else np.zeros(3),
+            RigidMotion(
+                FAR + rng.normal(size=3),
+                Rotation.random(random_state=number).as_quat(),
+                rng.normal(scale=0.1, size=3) if number else np.zeros(3),
+                rng.normal(scale=0.1, size=3) if number > 1 else np.zeros(3),
+            ),
         )
 
 
 def among_bodies(problem: PlanningProblem, seed: int = 0) -> PlanningProblem:
     """Return a problem with a body of each kind among its obstacles."""
     rng = np.random.default_rng(seed)
-    ball = Sphere("ball", FAR, 0.3, np.array([0.0, 0.02, 0.0]))
+    ball = Obstacle.sphere("ball", FAR, 0.3, np.array([0.0, 0.02, 0.0]))
     # As a file may have them: spheres stand behind bodies.
     return replace(problem, obstacles=(*bodies(rng), ball, *problem.obstacles))
 
@@ -52,7 +54,7 @@ def among_cubes(problem: PlanningProblem) -> PlanningProblem:
     """Return a problem whose spheres are cubes of their volume."""
     edge = (4 * np.pi / 3) ** (1 / 3)
     cubes = [
-        ObstacleBody(one.id, Solid("box", np.full(3, edge * one.radius)), one.center)
+        Obstacle(one.id, Solid("box", np.full(3, edge * one.radius)), RigidMotion(one.center))
         for one in problem.spheres
     ]
     return replace(problem, obstacles=(*cubes, *problem.obstacle_bodies))
@@ -61,7 +63,7 @@ def among_cubes(problem: PlanningProblem) -> PlanningProblem:
 def with_fixed_bodies(body: TargetBody, away: float = 0.0) -> TargetBody:
     """Return a target body with a body of each kind fixed to it, so far away along x [m]."""
     fixed = tuple(
-        AttachedBody(
+        AttachedObstacle(
             f"fixed_{kind}",
             solid,
             np.array([away, 0.1 * number, -0.2]),

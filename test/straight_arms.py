@@ -13,8 +13,8 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.problem.problem import Sphere, attached
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.problem import Obstacle, attached
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 _INERTIAL = (
@@ -95,7 +95,7 @@ def turning(times: Sequence[float] | Array, begin: Array, rates: Array) -> Follo
     return told(time, angles, np.tile(rates, (len(time), 1)))
 
 
-def panel_about(x: float, begin: float, rate: float) -> list[Sphere]:
+def panel_about(x: float, begin: float, rate: float) -> list[Obstacle]:
     """A sphere of 0.3 m on a body that turns about z at a place on the x axis, 1 m from there.
 
     Args:
@@ -109,6 +109,6 @@ def panel_about(x: float, begin: float, rate: float) -> list[Sphere]:
         grasp_position=[0.0, 0.0, 9.0],
         grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
         angular_velocity=[0.0, 0.0, rate],
-        obstacles=(AttachedSphere("panel", [1.0, 0.0, 0.0], 0.3),),
+        obstacles=(AttachedObstacle.sphere("panel", [1.0, 0.0, 0.0], 0.3),),
     )
-    return [one for one in attached(body) if isinstance(one, Sphere)]
+    return [one for one in attached(body) if one.is_sphere]

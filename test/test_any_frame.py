@@ -22,8 +22,8 @@ from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
+    Obstacle,
     PlanningProblem,
-    Sphere,
     Target,
 )
 from ff_planner_ros.planning.problem.settings import SearchDepth
@@ -94,11 +94,11 @@ class Frame:
                 angular_acceleration=self.vector(target.angular_acceleration),
             ),
             obstacles=tuple(
-                Sphere(
+                Obstacle.sphere(
                     sphere.id,
                     self.place(sphere.center, 0.0),
                     sphere.radius,
-                    self.vector(sphere.velocity) + self.velocity,
+                    self.vector(sphere.motion.velocity) + self.velocity,
                 )
                 for sphere in problem.obstacles
             ),
@@ -153,7 +153,7 @@ def drawn_problem(robot: Robot, seed: int) -> PlanningProblem:
         angular_velocity=np.array([0.0, 0.01, 0.0]),
     )
     beside = tip.translation + way / 2 + 0.25 * np.cross(way, [0.3, 1.0, 0.2]) / 0.15
-    obstacle = Sphere("drifting", beside, 0.05, np.array([0.01, 0.0, -0.01]))
+    obstacle = Obstacle.sphere("drifting", beside, 0.05, np.array([0.01, 0.0, -0.01]))
     return PlanningProblem(robot, start, target, 12.0, 30, (obstacle,), LENGTH)
 
 
@@ -242,7 +242,9 @@ def test_the_arm_avoids_what_passes_by(lemur_capture: PlanningProblem, speed: fl
     seen = frame(6, speed=speed)
     free = seen.problem(replace(lemur_capture, objective=LENGTH, obstacles=()))
     ignorant = perform(PlanningTask(free, SETTINGS))
-    problem = replace(free, obstacles=(Sphere("bolt", ignorant.trajectory.ee_positions[25], 0.1),))
+    problem = replace(
+        free, obstacles=(Obstacle.sphere("bolt", ignorant.trajectory.ee_positions[25], 0.1),)
+    )
     assert dense_clearance(problem, ignorant) < -0.05
     plan = perform(PlanningTask(problem, SETTINGS))
     assert dense_clearance(problem, plan) >= plan.metrics.min_clearance - 1e-5 >= 0.0
@@ -262,7 +264,7 @@ def dense_clearance(problem: PlanningProblem, plan: Plan) -> float:
     points = arm_points(robot, np.array(q))
     gaps = []
     for sphere in problem.obstacles:
-        center = sphere.center + np.outer(time, sphere.velocity)
+        center = sphere.center + np.outer(time, sphere.motion.velocity)
         for a, b in zip(points[:, :-1].swapaxes(0, 1), points[:, 1:].swapaxes(0, 1), strict=True):
             along = b - a
             square = np.maximum((along**2).sum(axis=1), 1e-12)
@@ -277,7 +279,7 @@ def test_a_sphere_in_the_goal_at_arrival_is_refused_wherever_it_is_now(
 ) -> None:
     velocity = np.array([0.3, -0.2, 0.1])
     target = lemur_capture.target.position
-    arriving = Sphere("bolt", target - lemur_capture.duration * velocity, 0.05, velocity)
+    arriving = Obstacle.sphere("bolt", target - lemur_capture.duration * velocity, 0.05, velocity)
     problem = replace(lemur_capture, obstacles=(arriving,))
     with pytest.raises(NoPlanFound, match="inside obstacle bolt"):
         perform(PlanningTask(problem, SETTINGS))

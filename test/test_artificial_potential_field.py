@@ -12,7 +12,7 @@ from ff_planner_ros.baselines.potential_field import load_parameters as load_fie
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 
 SETTINGS = load_parameters().planner
 FIELD = load_field(CONFIG / "baselines.yaml")
@@ -36,7 +36,7 @@ def wall(rows):
     """Spheres straight in the way, symmetric about the straight path, 15 cm apart."""
     ticks = 0.15 * (np.arange(rows) - (rows - 1) / 2)
     return tuple(
-        Sphere(f"w{i}{j}", np.array([1.2, 0.4 + y, 0.6 + z]), 0.1)
+        Obstacle.sphere(f"w{i}{j}", np.array([1.2, 0.4 + y, 0.6 + z]), 0.1)
         for i, y in enumerate(ticks)
         for j, z in enumerate(ticks)
     )
@@ -166,14 +166,14 @@ def test_a_collision_is_a_plan_that_says_so(lemur_capture):
 
 def test_a_dynamic_singularity_ends_it_as_a_refusal(lemur_capture):
     """A sphere straight in the way: the end effector slides round it till the arm is stretched."""
-    sphere = Sphere("s", np.array([1.25, 0.4, 0.6]), 0.35)
+    sphere = Obstacle.sphere("s", np.array([1.25, 0.4, 0.6]), 0.35)
     with pytest.raises(NoPlanFound, match=r"dynamic singularity at t = \d\.\d\d s of 10 s") as end:
         led_by_field(replace(lemur_capture, obstacles=(sphere,)))
     assert end.value.status is Status.SINGULAR
 
 
 def test_it_refuses_what_no_motion_can_start_from(lemur_capture):
-    around = Sphere("rock", np.array([0.2, 0.1, 0.5]), 0.2)
+    around = Obstacle.sphere("rock", np.array([0.2, 0.1, 0.5]), 0.2)
     with pytest.raises(InvalidInput, match="rock"):
         led_by_field(replace(lemur_capture, obstacles=(around,)))
 

@@ -24,9 +24,9 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
-from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.bodies import Swept, sphere_gap
@@ -78,9 +78,6 @@ def beside_the_arm(free: PlanningProblem, kind: str, motion: str) -> PlanningPro
         body = free_body("it", solid, pin.SE3(TURN, at), TWISTS[motion], float(times[middle]))
         laid = beside(swept, times, body, WAY, -DEEP, FAR)
         assert laid is not None
-        if kind == "sphere":
-            sphere = Sphere("it", laid.position, float(solid.sizes[0]), laid.velocity)
-            return replace(free, obstacles=(sphere,))
         return replace(free, obstacles=(laid,))
     target = body_of(free)
     seen = target.motion(np.zeros(3), times)
@@ -91,29 +88,26 @@ def beside_the_arm(free: PlanningProblem, kind: str, motion: str) -> PlanningPro
     far = track.come(swept, -DEEP, FAR)
     assert far is not None
     to, quaternion = place.translation + far * way, pin.Quaternion(place.rotation).normalized()
-    if kind == "sphere":
-        ball = AttachedSphere("it", to, float(solid.sizes[0]))
-        return with_capture_target(replace(target, obstacles=(ball,)), free)
-    fixed = AttachedBody("it", solid, to, quaternion.coeffs())
+    fixed = AttachedObstacle("it", solid, to, quaternion.coeffs())
     return with_capture_target(replace(target, obstacles=(fixed,)), free)
 
 
 def gap(problem: PlanningProblem, plan: Plan) -> float:
     """Return the smallest distance of the only obstacle from the robot, by Coal [m]."""
     (one,), (swept, times) = problem.obstacles, _swept(problem, plan)
-    if isinstance(one, ObstacleBody):
+    if not one.is_sphere:
         return gap_of(swept, times, one)
-    centers = np.array([one.center + one.way(float(time)) for time in times])
+    centers = np.array([one.center + one.motion.way(float(time)) for time in times])
     return sphere_gap(swept, one, np.inf, centers)
 
 
 def require_motion(one: Obstacle, motion: str, duration: float) -> None:
     """Require that an obstacle moves as is said: it goes, turns, does both or nothing."""
     assert (one.body is not None) == (motion == FIXED)
-    if isinstance(one, Sphere):
-        assert bool(one.way(duration).any()) == (motion in ("moving", FIXED))
+    if one.is_sphere:
+        assert bool(one.motion.way(duration).any()) == (motion in ("moving", FIXED))
         return
-    rotations, positions = one.poses(np.array([0.0, duration]))
+    rotations, positions = one.motion.poses(np.array([0.0, duration]))
     assert bool((positions[0] != positions[1]).any()) == (motion in ("moving", FIXED))
     assert bool((rotations[0] != rotations[1]).any()) == (motion in ("turning", FIXED))
 
@@ -138,7 +132,7 @@ def test_a_shape_that_the_arm_goes_round_replays_to_the_last_bit(
 ) -> None:
     problem = beside_the_arm(free, kind, motion)
     (one,) = problem.obstacles
-    assert ("sphere" if isinstance(one, Sphere) else one.solid.kind) == kind
+    assert one.solid.kind == kind
     require_motion(one, motion, problem.duration)
     assert gap(problem, planned(free)) < 0.0
     task = PlanningTask(problem, SETTINGS)
@@ -163,11 +157,12 @@ def test_a_ball_that_is_written_as_a_body_is_the_sphere_that_it_is(
     (one,) = sphere.spheres
     ball, turn = Solid("sphere", np.array([one.radius])), pin.Quaternion(TURN).coeffs()
     if motion == FIXED:
-        assert one.place_in_body is not None
-        fixed = AttachedBody("it", ball, one.place_in_body, turn)
+        fixed = AttachedObstacle("it", ball, one.motion.lever, turn)
         problem = with_capture_target(replace(body_of(free), obstacles=(fixed,)), free)
     else:
-        body = ObstacleBody("it", ball, one.center, turn, one.velocity, TWISTS[motion][3:])
+        body = Obstacle(
+            "it", ball, RigidMotion(one.center, turn, one.motion.velocity, TWISTS[motion][3:])
+        )
         problem = replace(free, obstacles=(body,))
     settings = replace(SETTINGS, robust=replace(SETTINGS.robust, sigmas=sigmas))
     task = PlanningTask(problem, settings)

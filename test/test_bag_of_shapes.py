@@ -17,7 +17,7 @@ from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
@@ -123,7 +123,7 @@ def test_a_scenario_keeps_bodies_and_a_digest_tells_them_apart(
     assert digest_of(scene_of(again.problem)) == digest_of(scene_of(problem))
     digests = {digest_of(one) for one in problem.obstacle_bodies}
     assert len(digests) == len(problem.obstacle_bodies)
-    assert not any(isinstance(one, Sphere) for one in problem.obstacle_bodies)
+    assert not any(one.is_sphere for one in problem.obstacle_bodies)
 
 
 def test_a_scenarios_bodies_are_brought_as_they_are(tmp_path: Path) -> None:

@@ -26,9 +26,9 @@ from straight_arms import ball, straight_arm, told
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.body_motion import bends_beside, pair_bends
 from ff_planner_ros.planning.distance.certificate import cubics_between
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_place
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_place
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Obstacle, ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -115,7 +115,7 @@ def test_neither_obstacle_nor_body_bends_more_as_the_other_sees_it(seed: int, pa
     motion = random_cubics(robot, seed, pace)
     q, times = between(robot, motion)
     obstacles: tuple[Obstacle, ...] = (
-        Sphere("flying", rng.normal(size=3), 0.2, rng.normal(size=3)),
+        Obstacle.sphere("flying", rng.normal(size=3), 0.2, rng.normal(size=3)),
         *tumbling_spheres(rng, q[0, :3], 2),
         *random_obstacles(rng, q[0, :3], 8),
     )
@@ -123,8 +123,8 @@ def test_neither_obstacle_nor_body_bends_more_as_the_other_sees_it(seed: int, pa
     shares = []
     for number, obstacle in enumerate(obstacles):
         there = [obstacle_place(obstacle, float(time)) for time in times]
-        shape = obstacle_geometry(obstacle)
-        points = np.zeros((1, 3)) if isinstance(obstacle, Sphere) else surface(shape)
+        shape = obstacle.solid.geometry
+        points = np.zeros((1, 3)) if obstacle.is_sphere else surface(shape)
         for body in range(len(robot.bodies)):
             solid, here = robot.bodies[body].solid, [at[body] for at in bodies]
             ends = zip(here, there, strict=True)
@@ -184,14 +184,14 @@ def test_a_joint_that_gains_speed_bends_the_tip_by_its_acceleration() -> None:
 
 def test_what_obstacles_do_adds_to_what_the_arm_does() -> None:
     """A sphere of 0.1 m that flies by at 2 m/s, 0.5 m from the tip's near side."""
-    rock = Sphere("rock", [5.0, 0.0, 0.0], 0.1, [0.0, 2.0, 0.0])
+    rock = Obstacle.sphere("rock", [5.0, 0.0, 0.0], 0.1, [0.0, 2.0, 0.0])
     motion, apart = steady(0.3, 0.0), np.array([0.5])
     of_rock, of_tip = bends_beside(ARM, motion, (rock,), TIP, *WHOLE, apart)[:, 0]
     assert of_tip == pytest.approx(1.7 * 0.3**2, rel=1e-12)
     assert of_rock == pytest.approx((1.7 + 0.6) * 0.3**2 + 2 * 0.3 * 2.0, rel=1e-12)
     # One that turns at 0.2 rad/s shows the tip's far side a place 0.4 + 0.5 + 0.2 m away, at most.
     solid = Solid("capsule", np.array([0.1, 0.6]))
-    rod = ObstacleBody("rod", solid, [5.0, 0.0, 0.0], angular_velocity=[0.0, 0.0, 0.2])
+    rod = Obstacle("rod", solid, RigidMotion([5.0, 0.0, 0.0], angular_velocity=[0.0, 0.0, 0.2]))
     of_rod, of_tip = bends_beside(ARM, motion, (rod,), TIP, *WHOLE, apart)[:, 0]
     swung = 2 * 0.2**2 * 0.4
     seen = 2 * 0.2**2 * 1.1 + 2 * 0.2 * (0.08 + 1.7 * 0.3) + 1.7 * 0.3**2 + swung

@@ -33,8 +33,8 @@ from ff_planner_ros.planning.distance.search_certificate import (
 from ff_planner_ros.planning.motion import certified_least
 from ff_planner_ros.planning.motion.certified_least import NOTHING, Least, least_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Sphere, attached
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.problem import Obstacle, attached
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.robot.model import Robot
 
 # A chaser of 0.2 m in the first joint, a ball in the elbow, and one of 0.1 m at the tip.
@@ -63,7 +63,7 @@ def require(least: Least, searched: float, true: float, part: float = 0.0) -> No
 
 def spheres_are(
     motion: FollowedMotion,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[Obstacle],
     true: float,
     chosen: Sequence[int] | None = None,
     last: int = LAST,
@@ -90,8 +90,8 @@ def swing(way: float = 1.0) -> FollowedMotion:
 @pytest.mark.parametrize("interval", [0, 3, 7, 8, 15, 16, 18])
 def test_a_tip_that_swings_past_a_sphere_between_two_points(interval: int, way: float) -> None:
     when = TIMES[interval] + 0.4 * (TIMES[interval + 1] - TIMES[interval])
-    rock = Sphere("rock", on_circle(way * (when - 0.4), 1.8), 0.07)
-    far = Sphere("far", [0.0, 0.0, 1.0], 0.5)
+    rock = Obstacle.sphere("rock", on_circle(way * (when - 0.4), 1.8), 0.07)
+    far = Obstacle.sphere("far", [0.0, 0.0, 1.0], 0.5)
     least = spheres_are(swing(way), [far, rock], 0.03)
     assert divmod(least.number, 2) == (TIP, 1)
     assert least.time == pytest.approx(when, abs=0.02)
@@ -106,7 +106,7 @@ def test_a_tip_that_swings_past_a_sphere_between_two_points(interval: int, way: 
 def test_what_is_nearest_half_way_between_two_points_is_nearest_then(interval: int) -> None:
     """The first look there finds it, and no later one finds anything nearer."""
     when = (TIMES[interval] + TIMES[interval + 1]) / 2
-    rock = Sphere("rock", on_circle(when - 0.4, 1.8), 0.07)
+    rock = Obstacle.sphere("rock", on_circle(when - 0.4, 1.8), 0.07)
     assert spheres_are(swing(), [rock], 0.03).time == pytest.approx(when, abs=1e-6)
 
 
@@ -125,7 +125,7 @@ def test_an_arm_that_swings_out_and_back_between_two_points(way: float) -> None:
     rates = np.zeros((5, 2))
     rates[1, 0], rates[2, 0] = 2.0 * way, -2.0 * way
     motion = told([0.0, 1.0, 2.0, 3.0, 4.0], np.zeros((5, 2)), rates)
-    rock = Sphere("rock", on_circle(0.9 * way, 1.6), 0.05)
+    rock = Obstacle.sphere("rock", on_circle(0.9 * way, 1.6), 0.05)
     spheres_are(motion, [rock], 3.2 * np.sin(0.2) - 0.1 - 0.05, last=4)
 
 
@@ -133,7 +133,7 @@ def test_an_arm_that_swings_out_and_back_between_two_points(way: float) -> None:
 def test_what_comes_after_the_last_point_that_counts_is_not_looked_at(last: int) -> None:
     """The tip comes nearest in the interval behind it; up to there it comes as near as this."""
     end, nearest = TIMES[last] - 0.4, TIMES[last] - 0.4 + 0.08
-    rock = Sphere("rock", on_circle(nearest, 1.8), 0.07)
+    rock = Obstacle.sphere("rock", on_circle(nearest, 1.8), 0.07)
     until = float(np.linalg.norm(on_circle(nearest, 1.8) - on_circle(end, 1.6))) - 0.17
     assert until > 0.05
     least = spheres_are(swing(), [rock], until, last=last)
@@ -143,7 +143,7 @@ def test_what_comes_after_the_last_point_that_counts_is_not_looked_at(last: int)
 
 @pytest.mark.parametrize("part", [0.02, 0.5])
 def test_what_is_far_away_is_certified_to_a_part_of_its_distance(part: float) -> None:
-    rock = Sphere("rock", on_circle(0.73, 4.0), 0.3)
+    rock = Obstacle.sphere("rock", on_circle(0.73, 4.0), 0.3)
     spheres_are(swing(), [rock], 2.0, part=part)
 
 
@@ -152,8 +152,8 @@ def test_what_is_far_away_is_certified_to_a_part_of_its_distance(part: float) ->
 def test_a_sphere_that_flies_past_a_resting_arm(interval: int, side: float) -> None:
     when = TIMES[interval] + 0.55 * (TIMES[interval + 1] - TIMES[interval])
     velocity = np.array([0.0, 6.0 * side, 0.0])
-    flying = Sphere("debris", np.array([1.6, 0.0, 0.4]) - when * velocity, 0.1, velocity)
-    least = spheres_are(REST, [Sphere("far", [9.0, 0.0, 0.0], 0.1), flying], 0.2)
+    flying = Obstacle.sphere("debris", np.array([1.6, 0.0, 0.4]) - when * velocity, 0.1, velocity)
+    least = spheres_are(REST, [Obstacle.sphere("far", [9.0, 0.0, 0.0], 0.1), flying], 0.2)
     assert least.time == pytest.approx(when, abs=0.01)
     assert divmod(least.number, 2) == (TIP, 1)
 
@@ -170,7 +170,7 @@ def test_a_sphere_that_swings_past_on_a_body_that_spins(spin: float) -> None:
         grasp_position=[0.0, 0.0, 9.0],
         grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
         angular_velocity=[0.0, 0.0, spin],
-        obstacles=(AttachedSphere("boom", -on_circle(-spin * when, 2.0), 0.15),),
+        obstacles=(AttachedObstacle.sphere("boom", -on_circle(-spin * when, 2.0), 0.15),),
     )
     spheres_are(REST, tuple(attached(body)), 0.4 - 0.1 - 0.15)
 
@@ -181,12 +181,12 @@ def test_a_chaser_that_flies_past_a_sphere_and_one_that_turns_past_it(way: float
     base, twists = np.zeros((count, 7)), np.zeros((count, 6))
     base[:, 1], base[:, 6], twists[:, 1] = 3.0 * way * TIMES, 1.0, 3.0 * way
     flying = told(TIMES, STILL, STILL, base, twists)
-    spheres_are(flying, [Sphere("rock", [1.9, 3.0 * way * when, 0.0], 0.1)], 0.1)
+    spheres_are(flying, [Obstacle.sphere("rock", [1.9, 3.0 * way * when, 0.0], 0.1)], 0.1)
     base, twists = np.zeros((count, 7)), np.zeros((count, 6))
     base[:, 5], base[:, 6] = np.sin(0.5 * way * TIMES), np.cos(0.5 * way * TIMES)
     twists[:, 5] = way
     turned = told(TIMES, STILL, STILL, base, twists)
-    spheres_are(turned, [Sphere("rock", on_circle(way * when, 1.9), 0.1)], 0.1)
+    spheres_are(turned, [Obstacle.sphere("rock", on_circle(way * when, 1.9), 0.1)], 0.1)
 
 
 def pairs_are(motion: FollowedMotion, true: float, robot: Robot = ARM, last: int = LAST) -> Least:
@@ -236,7 +236,10 @@ def test_bodies_that_swing_together_are_as_far_apart_as_they_were() -> None:
 
 def test_at_the_first_point_alone_every_pair_and_sphere_is_measured() -> None:
     """Where what is allowed later begins behind it, nothing lies between two points."""
-    rocks = [Sphere("near", [1.6, 0.3, 0.0], 0.05), Sphere("far", [0.0, 0.0, -2.0], 1.5)]
+    rocks = [
+        Obstacle.sphere("near", [1.6, 0.3, 0.0], 0.05),
+        Obstacle.sphere("far", [0.0, 0.0, -2.0], 1.5),
+    ]
     least = spheres_are(REST, rocks, 0.15, last=0)
     assert (least.time, divmod(least.number, 2)) == (0.0, (TIP, 0))
     assert spheres_are(REST, rocks, 0.3, chosen=[1], last=0).number == 1
@@ -321,7 +324,7 @@ def test_a_motion_too_fast_to_certify_closely_ends_with_a_lower_bound(
     monkeypatch.setattr(body_certificate, "sphere_distances", counted)
     monkeypatch.setattr(certified_least, "MOST_PIECES", 1 << 9)
     motion = turning(TIMES, np.array([-0.4 * rate, 0.0]), np.array([rate, 0.0]))
-    above = [Sphere("above", [0.0, 0.0, 0.5], 0.05)]
+    above = [Obstacle.sphere("above", [0.0, 0.0, 0.5], 0.05)]
     least = least_sphere_distance(ARM, motion, above, np.array([TIP]), LAST)
     assert sum(looked_at) < 1 << 11
     true = np.hypot(1.6, 0.5) - 0.15
@@ -343,7 +346,7 @@ def test_centre_lines_too_fast_to_certify_closely_end_with_a_lower_bound(
     monkeypatch.setattr(certificate, "_MOST_PIECES", 1 << 9)
     lines = straight_arm(0.0, 1.0, 0.6)
     motion = turning(TIMES, np.array([-120.0, 0.0]), np.array([300.0, 0.0]))
-    beside = [Sphere("around", [0.0, 0.0, 0.5], 0.05)]
+    beside = [Obstacle.sphere("around", [0.0, 0.0, 0.5], 0.05)]
     found = certified_clearance(lines, motion.q, motion.v, TIMES, beside)
     assert sum(looked_at) < 1 << 13
     assert found < 0.45 + 1e-9

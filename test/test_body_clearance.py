@@ -39,12 +39,12 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.joint_spline import joint_splines
 from ff_planner_ros.planning.paths.spline_guesses import spline_guesses
 from ff_planner_ros.planning.problem.problem import (
+    Obstacle,
     Parametrisation,
     PlanningProblem,
-    Sphere,
     attached,
 )
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.planner import plan
@@ -68,7 +68,7 @@ def solved(parametrisation: Parametrisation) -> Plan:
 
 
 def dense_least(
-    robot: Robot, q: Array, times: Array, spheres: tuple[Sphere, ...]
+    robot: Robot, q: Array, times: Array, spheres: tuple[Obstacle, ...]
 ) -> tuple[float, float]:
     """The least distances that Coal finds at many configurations: of spheres, and of pairs."""
     of_spheres, of_pairs = np.inf, np.inf
@@ -78,7 +78,7 @@ def dense_least(
         centers = centers_of(robot, places)
         for sphere in spheres:
             ball = coal.Sphere(sphere.radius)
-            there = pin.SE3(np.eye(3), sphere.center + sphere.way(float(time)))
+            there = pin.SE3(np.eye(3), sphere.center + sphere.motion.way(float(time)))
             apart = np.linalg.norm(centers - there.translation, axis=1) - sphere.radius
             for number, body in enumerate(robot.bodies):
                 if apart[number] - body.radius < of_spheres:
@@ -152,7 +152,7 @@ def random_motion(robot: Robot, seed: int, points: int) -> FollowedMotion:
     return followed(robot, q, v, way)
 
 
-def certified(robot: Robot, motion: FollowedMotion, spheres: tuple[Sphere, ...]) -> list[Least]:
+def certified(robot: Robot, motion: FollowedMotion, spheres: tuple[Obstacle, ...]) -> list[Least]:
     last, every = len(motion.time) - 1, len(robot.bodies) * len(spheres)
     return [
         least_sphere_distance(robot, motion, spheres, np.arange(every), last),
@@ -167,7 +167,9 @@ def test_the_certificate_is_below_what_is_found_between_the_points_and_hardly_so
     motion = random_motion(robot, seed, points=(4, 40)[seed % 2])
     # Spheres on the way, and such that all bodies stay clear of them.
     spheres = tuple(
-        Sphere(str(k), motion.q[rng.integers(len(motion.q)), :3] + rng.normal(size=3), 0.1, drift)
+        Obstacle.sphere(
+            str(k), motion.q[rng.integers(len(motion.q)), :3] + rng.normal(size=3), 0.1, drift
+        )
         for k, drift in enumerate(rng.normal(scale=0.05, size=(5, 3)))
     )
     found = certified(robot, motion, spheres)
@@ -212,7 +214,7 @@ def test_a_sphere_that_swings_by_a_resting_robot_is_not_overlooked() -> None:
         grasp_position=[0.0, 0.0, 9.0],
         grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
         angular_velocity=[0.0, 0.0, 20.0],
-        obstacles=(AttachedSphere("boom", [0.0, 2.5, 0.0], 0.1),),
+        obstacles=(AttachedObstacle.sphere("boom", [0.0, 2.5, 0.0], 0.1),),
     )
     spheres = tuple(attached(body))
     every = np.arange(len(robot.bodies))
@@ -263,7 +265,7 @@ def test_a_start_inside_an_obstacle_is_refused_with_the_body_and_the_depth() -> 
     problem = capture()
     q, _ = configuration(problem.robot, problem.start)
     panel = body_placements(problem.robot, q)[1]
-    sphere = Sphere("debris", panel.act(np.array([0.1, 0.4, 0.1])), 0.2)
+    sphere = Obstacle.sphere("debris", panel.act(np.array([0.1, 0.4, 0.1])), 0.2)
     with pytest.raises(
         InvalidInput, match=r"obstacles\[debris\] is around chaser#2, 0.1200 m deep"
     ):
@@ -272,7 +274,7 @@ def test_a_start_inside_an_obstacle_is_refused_with_the_body_and_the_depth() -> 
 
 def test_a_tool_inside_an_obstacle_at_the_goal_is_refused_at_once() -> None:
     problem = capture()
-    sphere = Sphere("grapple", problem.target.position, 0.12)
+    sphere = Obstacle.sphere("grapple", problem.target.position, 0.12)
     touching = replace(problem, obstacles=(sphere,))
     with pytest.raises(NoPlanFound, match="link_7") as refused:
         require_plannable(touching, SETTINGS)
@@ -284,7 +286,7 @@ def grasping() -> PlanningProblem:
     """The capture of a fixture that the tool reaches into."""
     problem = capture()
     attitude = pin.Quaternion(problem.target.quaternion_xyzw).toRotationMatrix()
-    fixture = Sphere("fixture", problem.target.position + attitude @ [0.0, 0.0, 0.2], 0.08)
+    fixture = Obstacle.sphere("fixture", problem.target.position + attitude @ [0.0, 0.0, 0.2], 0.08)
     return replace(
         problem,
         obstacles=(*problem.obstacles, fixture),
@@ -364,7 +366,10 @@ def test_a_goal_in_contact_in_one_posture_is_planned_to_another() -> None:
     elbow = arm_points(problem.robot, way[-1:])[0, 3]
     blocked = replace(
         problem,
-        obstacles=(*problem.obstacles, Sphere("mast", elbow + np.array([0.0, 0.0, 0.15]), 0.12)),
+        obstacles=(
+            *problem.obstacles,
+            Obstacle.sphere("mast", elbow + np.array([0.0, 0.0, 0.15]), 0.12),
+        ),
     )
     contact = deepest_contact(blocked, way[-1], blocked.duration)
     assert contact is not None

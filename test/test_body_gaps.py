@@ -24,7 +24,7 @@ from ff_planner_ros.planning.distance.body_distances import Distances
 from ff_planner_ros.planning.distance.body_gaps import Solids, arcs_of, measured
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.motion.certified_least import Known, Pieces, parabola_bounds
-from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion
 from ff_planner_ros.robot.collision.solids import Solid
 
 KINDS = ("box", "sphere", "cylinder", "capsule", "cone", "mesh")
@@ -168,13 +168,15 @@ def test_a_hand_that_passes_thin_plates_which_turn_is_certified_closely(spin: fl
     q, twist = configurations(times), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.2])
     motion = told(times, q[:, 7:], np.tile(rates, (21, 1)), q[:, :7], np.tile(twist, (21, 1)))
     plates = tuple(
-        ObstacleBody(
+        Obstacle(
             str(number),
             Solid("box", np.array([0.5, 0.4, 0.004])),
-            [1.2 + 0.1 * number, 0.5, 0.3 - 0.15 * number],
-            Rotation.from_rotvec([0.5 * number, 0.2, 0.0]).as_quat(),
-            [0.0, 0.02 * number, 0.0],
-            [0.1 * spin, spin, 0.3 * spin],
+            RigidMotion(
+                [1.2 + 0.1 * number, 0.5, 0.3 - 0.15 * number],
+                Rotation.from_rotvec([0.5 * number, 0.2, 0.0]).as_quat(),
+                [0.0, 0.02 * number, 0.0],
+                [0.1 * spin, spin, 0.3 * spin],
+            ),
         )
         for number in range(5)
     )
@@ -183,7 +185,7 @@ def test_a_hand_that_passes_thin_plates_which_turn_is_certified_closely(spin: fl
     for number in range(len(arm.bodies) * len(plates)):
         body, plate = divmod(number, len(plates))
         solids = arm.bodies[body].solid, plates[plate].solid.geometry
-        places = [pin.SE3(*pose) for pose in zip(*plates[plate].poses(fine), strict=True)]
+        places = [pin.SE3(*pose) for pose in zip(*plates[plate].motion.poses(fine), strict=True)]
         dense = min(
             coal_distance(solids[0], at[body], solids[1], there)
             for at, there in zip(bodies, places, strict=True)
@@ -202,9 +204,11 @@ def test_what_flies_along_a_face_is_certified_to_be_as_far_as_it_is() -> None:
     times, still = np.linspace(0.0, 2.0, 21), np.zeros((21, 1))
     motion, last = told(times, still, still), len(times) - 1
     place, velocity = [-0.7, 0.2, 1.103], [0.7, -0.1, 0.0]
-    flying = Sphere("ball", place, 0.1, velocity)
+    flying = Obstacle.sphere("ball", place, 0.1, velocity)
     least = least_sphere_distance(arm, motion, [flying], np.zeros(1, np.intp), last)
     assert least.certified == pytest.approx(0.003, abs=1e-9)
-    turned = ObstacleBody("box", Solid("box", np.array([0.3, 0.1, 0.2])), place, velocity=velocity)
+    turned = Obstacle(
+        "box", Solid("box", np.array([0.3, 0.1, 0.2])), RigidMotion(place, velocity=velocity)
+    )
     least = least_obstacle_distance(arm, motion, [turned], np.zeros(1, np.intp), last)
     assert least.certified == pytest.approx(0.003, abs=1e-6)

@@ -20,7 +20,7 @@ from ff_planner_ros.planning.distance.certificate import (
     way_bounds,
 )
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 
@@ -75,11 +75,11 @@ def test_no_attached_sphere_accelerates_more_than_its_bound(seed: int) -> None:
     times = np.linspace(0.0, 60.0, 60_001)
     places = centers_at(times, attached)
     found = np.linalg.norm(np.diff(places, 2, axis=0), axis=2).max(axis=0) / times[1] ** 2
-    bounds = np.array([sphere.highest_acceleration for sphere in attached])
+    bounds = np.array([sphere.motion.highest_acceleration(0.0) for sphere in attached])
     assert (found <= bounds + 1e-6).all()
     assert (found > 0.1 * bounds).any()
-    resting = Sphere("rock", [1.0, 0.0, 0.0], 0.1, [0.3, 0.0, 0.0])
-    assert resting.highest_acceleration == 0.0
+    resting = Obstacle.sphere("rock", [1.0, 0.0, 0.0], 0.1, [0.3, 0.0, 0.0])
+    assert resting.motion.highest_acceleration(0.0) == 0.0
 
 
 @pytest.mark.parametrize("name", ["free2", "free7", "planar3"])
@@ -98,7 +98,7 @@ def test_the_certificate_is_below_what_many_moments_show_and_near_to_it(
     positions = arm_points(robot, along.reshape(-1, q.shape[1]))
     nearest = positions.reshape(-1, 3)[rng.integers(0, positions.size // 3, 4)]
     spheres = [
-        Sphere(
+        Obstacle.sphere(
             str(k),
             place + away * rng.normal(size=3),
             rng.uniform(0.02, 0.3),

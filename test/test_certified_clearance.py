@@ -21,12 +21,12 @@ from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import (
     Objective,
+    Obstacle,
     PlanningProblem,
-    Sphere,
     Target,
     attached,
 )
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.robot.configuration import system_state
 
@@ -36,7 +36,7 @@ TIMES = np.array([0.0, 0.5, 1.5, 2.0, 4.0])
 REST = told(TIMES, np.zeros((5, 1)), np.zeros((5, 1)))
 
 
-def require(motion: FollowedMotion, spheres: Sequence[Sphere], true: float) -> None:
+def require(motion: FollowedMotion, spheres: Sequence[Obstacle], true: float) -> None:
     """Hold both certificates against the true clearance, and each against its gap."""
     asked = ARM, motion.q, motion.v, motion.time, spheres
     assert true - certificate.LINES_GAP - 1e-9 <= certified_clearance(*asked) <= true + 1e-9
@@ -54,10 +54,10 @@ def test_an_arm_that_turns_past_a_sphere(interval: int, part: float, way: float)
     motion = turning(TIMES, np.array([-0.3 * way]), np.array([0.5 * way]))
     when = TIMES[interval] + part * (TIMES[interval + 1] - TIMES[interval])
     angle = way * (0.5 * when - 0.3)
-    rock = Sphere("rock", on_circle(angle, 1.05), 0.02)
+    rock = Obstacle.sphere("rock", on_circle(angle, 1.05), 0.02)
     require(motion, [rock], 0.03)
     # One that stays near does not hide it, in whichever order they are told.
-    idle = Sphere("idle", [0.0, 0.0, 0.5], 0.455)
+    idle = Obstacle.sphere("idle", [0.0, 0.0, 0.5], 0.455)
     require(motion, [idle, rock], 0.03)
     require(motion, [rock, idle], 0.03)
     require(motion, [idle], 0.045)
@@ -88,10 +88,10 @@ def test_what_makes_half_a_turn_a_step_is_seen_though_it_is_far_at_all_points(
         grasp_position=[0.0, 0.0, 9.0],
         grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
         angular_velocity=[0.0, 0.0, way * np.pi / step],
-        obstacles=(AttachedSphere("panel", [0.0, 1.0, 0.0], 0.3),),
+        obstacles=(AttachedObstacle.sphere("panel", [0.0, 1.0, 0.0], 0.3),),
     )
-    panel = [one for one in attached(body) if isinstance(one, Sphere)]
-    idle = Sphere("idle", [0.0, 0.0, 2.4], 0.3)
+    panel = [one for one in attached(body) if one.is_sphere]
+    idle = Obstacle.sphere("idle", [0.0, 0.0, 2.4], 0.3)
     require(rest, [idle], 2.1)
     require(rest, [idle, *panel], 1.7)
 
@@ -102,7 +102,7 @@ def test_an_arm_that_swings_out_and_back_between_two_points(way: float) -> None:
     rates = way * np.array([[0.0], [2.0], [-2.0], [0.0], [0.0]])
     times = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     motion = told(times, np.zeros((5, 1)), rates)
-    rock = Sphere("rock", on_circle(0.9 * way, 1.0), 0.05)
+    rock = Obstacle.sphere("rock", on_circle(0.9 * way, 1.0), 0.05)
     require(motion, [rock], np.sin(0.4) - 0.05)
 
 
@@ -113,7 +113,9 @@ def test_a_base_that_comes_near_and_turns_back_between_two_points(near: float, a
     times, base, twists = np.array([0.0, 2.0]), np.zeros((2, 7)), np.zeros((2, 6))
     base[:, 6], twists[:, axis] = 1.0, np.array([2.0, -2.0]) * near
     motion = told(times, np.zeros((2, 1)), np.zeros((2, 1)), base, twists)
-    rock = Sphere("rock", [0.5, 0.0, 0.0] + np.array([1.0, 0.9, 0.9])[axis] * np.eye(3)[axis], 0.1)
+    rock = Obstacle.sphere(
+        "rock", [0.5, 0.0, 0.0] + np.array([1.0, 0.9, 0.9])[axis] * np.eye(3)[axis], 0.1
+    )
     require(motion, [rock], (0.4 if axis == 0 else 0.8) - near)
 
 
@@ -124,9 +126,9 @@ def test_a_sphere_that_flies_past_a_resting_arm(when: float, side: float) -> Non
     """At 3 m/s, and the plan's time counts, not the number of the point."""
     velocity = np.array([0.0, 3.0 * side, 0.0])
     nearest = np.array([0.6, 0.0, 0.3])
-    flying = Sphere("debris", nearest - when * velocity, 0.1, velocity)
+    flying = Obstacle.sphere("debris", nearest - when * velocity, 0.1, velocity)
     require(REST, [flying], 0.2)
-    away = Sphere("far", [0.5, 0.0, -0.5], 0.25)
+    away = Obstacle.sphere("far", [0.5, 0.0, -0.5], 0.25)
     require(REST, [away, flying], 0.2)
 
 
@@ -145,8 +147,8 @@ def test_a_sphere_that_swings_past_on_a_body_that_spins_and_drifts(
         linear_velocity=[0.0, drift, 0.0],
         angular_velocity=[0.0, spin, 0.0],
         obstacles=(
-            AttachedSphere("hub", [0.0, 0.0, 0.0], 0.1),
-            AttachedSphere("boom", [0.0, 0.0, -2.0], 0.3),
+            AttachedObstacle.sphere("hub", [0.0, 0.0, 0.0], 0.1),
+            AttachedObstacle.sphere("boom", [0.0, 0.0, -2.0], 0.3),
         ),
     )
     spheres = tuple(attached(body))
@@ -171,12 +173,12 @@ def test_a_base_that_flies_past_a_sphere_and_one_that_turns_past_it(way: float) 
     base, twists = np.zeros((count, 7)), np.zeros((count, 6))
     base[:, 1], base[:, 6], twists[:, 1] = 2.0 * way * TIMES, 1.0, 2.0 * way
     flying = told(TIMES, np.zeros((count, 1)), np.zeros((count, 1)), base, twists)
-    require(flying, [Sphere("rock", [1.4, 6.3 * way, 0.0], 0.1)], 0.3)
+    require(flying, [Obstacle.sphere("rock", [1.4, 6.3 * way, 0.0], 0.1)], 0.3)
     half = 0.35 * way * TIMES
     base, twists = np.zeros((count, 7)), np.zeros((count, 6))
     base[:, 5], base[:, 6], twists[:, 5] = np.sin(half), np.cos(half), 0.7 * way
     turned = told(TIMES, np.zeros((count, 1)), np.zeros((count, 1)), base, twists)
-    require(turned, [Sphere("rock", on_circle(0.7 * way * 3.1, 1.2), 0.1)], 0.1)
+    require(turned, [Obstacle.sphere("rock", on_circle(0.7 * way * 3.1, 1.2), 0.1)], 0.1)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -191,7 +193,7 @@ def test_a_base_and_a_sphere_that_fly_at_each_other_or_one_after_the_other(
     flying = told(TIMES, np.zeros((count, 1)), np.zeros((count, 1)), base, twists)
     velocity = np.array([0.0, sphere_way * way, 0.0])
     place = np.array([1.3, 2.0 * way * meeting, 0.0]) - meeting * velocity
-    require(flying, [Sphere("debris", place, 0.2, velocity)], 0.1)
+    require(flying, [Obstacle.sphere("debris", place, 0.2, velocity)], 0.1)
 
 
 @pytest.mark.law("PLAN-09")
@@ -199,13 +201,13 @@ def test_a_base_and_a_sphere_that_fly_at_each_other_or_one_after_the_other(
 def test_what_is_pierced_between_the_points_is_as_deep_as_it_is(depth: float) -> None:
     """A sphere of 0.2 m that the tip, or nearly its middle, goes through."""
     motion = turning(TIMES, np.array([-0.3]), np.array([0.5]))
-    require(motion, [Sphere("rock", on_circle(1.2, 1.2 - depth), 0.2)], -depth)
+    require(motion, [Obstacle.sphere("rock", on_circle(1.2, 1.2 - depth), 0.2)], -depth)
 
 
 @pytest.mark.parametrize("true", [-0.0107, -0.0004, 0.0006, 0.0008, 0.0012, 0.03])
 def test_the_search_takes_a_closer_look_at_what_it_may_touch(true: float) -> None:
     motion = turning(TIMES, np.array([-0.3]), np.array([0.5]))
-    rock = Sphere("rock", on_circle(1.2, 1.2 + true), 0.2)
+    rock = Obstacle.sphere("rock", on_circle(1.2, 1.2 + true), 0.2)
     problem = PlanningProblem(
         robot=ARM,
         start=system_state(ARM, motion.q[0], motion.v[0]),

@@ -19,7 +19,7 @@ from ff_planner_ros.planning.distance.certificate import certified_clearance
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.motion import from_trajectory, to_trajectory
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.problem.problem import Limits, Objective, Sphere
+from ff_planner_ros.planning.problem.problem import Limits, Objective, Obstacle
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.configuration import configuration
 
@@ -230,7 +230,7 @@ def test_a_robot_whose_effort_limits_are_not_known_may_need_any_torque(problem, 
 
 def test_an_obstacle_in_the_way_is_found_by_name_link_and_depth(problem, sound):
     place = sound.trajectory.ee_positions[25]
-    blocked = replace(problem, obstacles=(Sphere("bolt", place, 0.05),))
+    blocked = replace(problem, obstacles=(Obstacle.sphere("bolt", place, 0.05),))
     answer = replace(sound, metrics=measure(blocked, sound.trajectory, SETTINGS))
     error = refusal_of(blocked, answer)
     assert error.status is Status.COLLISION
@@ -243,7 +243,7 @@ def test_a_pin_between_two_points_is_found_though_every_point_is_clear(problem, 
     """Smaller than the way between two points: the samples alone would not see it."""
     q, v = from_trajectory(problem.robot, sound.trajectory)
     tip_a, tip_b = sound.trajectory.ee_positions[24:26]
-    pin_head = Sphere("pin", (tip_a + tip_b) / 2, np.linalg.norm(tip_b - tip_a) * 0.3)
+    pin_head = Obstacle.sphere("pin", (tip_a + tip_b) / 2, np.linalg.norm(tip_b - tip_a) * 0.3)
     times = sound.trajectory.time
     positions = arm_points(problem.robot, q)
     at_points = clearances(positions, times, segments(positions), [pin_head]).distance.min()
@@ -261,12 +261,14 @@ def test_the_certified_clearance_is_a_tight_lower_bound(problem, sound, seed):
     q, v = from_trajectory(robot, sound.trajectory)
     step = problem.duration / (problem.points - 1)
     spheres = [
-        Sphere(str(k), random.uniform([0.0, -0.8, 0.0], [2.0, 1.2, 1.8]), random.uniform(0.02, 0.2))
+        Obstacle.sphere(
+            str(k), random.uniform([0.0, -0.8, 0.0], [2.0, 1.2, 1.8]), random.uniform(0.02, 0.2)
+        )
         for k in range(3)
     ]
     # Some rest, some move.
     spheres = [
-        replace(s, velocity=random.normal(scale=k * 0.1, size=3)) for k, s in enumerate(spheres)
+        s.with_motion(velocity=random.normal(scale=k * 0.1, size=3)) for k, s in enumerate(spheres)
     ]
     certified = certified_clearance(robot, q, v, sound.trajectory.time, spheres)
 
@@ -291,7 +293,7 @@ def test_the_certified_clearance_is_a_tight_lower_bound(problem, sound, seed):
 
 
 def moved(spheres, time):
-    return [replace(s, center=s.center + time * s.velocity) for s in spheres]
+    return [s.after(time) for s in spheres]
 
 
 def test_a_plan_that_is_a_million_times_too_fast_is_refused_and_soon(problem, sound):

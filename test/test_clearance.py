@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -19,8 +21,8 @@ from ff_planner_ros.planning.distance.clearance import (
     penalty,
     segments,
 )
-from ff_planner_ros.planning.problem.problem import Sphere
-from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle, attached
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
@@ -38,8 +40,8 @@ def urdf(request: pytest.FixtureRequest) -> tuple[str, str, str]:
     return URDFS[request.param]
 
 
-def sphere(center: Array | list[float], radius: float) -> Sphere:
-    return Sphere("sphere", np.array(center), radius)
+def sphere(center: Array | list[float], radius: float) -> Obstacle:
+    return Obstacle.sphere("sphere", np.array(center), radius)
 
 
 def random_configurations(robot: Robot, count: int, seed: int) -> Array:
@@ -47,13 +49,13 @@ def random_configurations(robot: Robot, count: int, seed: int) -> Array:
     return np.array([configuration(robot, random_state(robot, rng))[0] for _ in range(count)])
 
 
-def random_spheres(positions: Array, count: int, seed: int) -> tuple[Sphere, ...]:
+def random_spheres(positions: Array, count: int, seed: int) -> tuple[Obstacle, ...]:
     """Around the arm, some of them in its way, all of them moving."""
     rng = np.random.default_rng(seed)
     centers = positions.reshape(-1, 3)[rng.integers(positions.size // 3, size=count)]
     centers = centers + rng.normal(scale=0.3, size=(count, 3))
     return tuple(
-        Sphere("sphere", center, rng.uniform(0.05, 0.4), rng.normal(scale=0.05, size=3))
+        Obstacle.sphere("sphere", center, rng.uniform(0.05, 0.4), rng.normal(scale=0.05, size=3))
         for center in centers
     )
 
@@ -144,7 +146,9 @@ def test_distances_are_those_of_densely_sampled_segments(urdf: tuple[str, str, s
     for point, segment, number in np.ndindex(clear.distance.shape):
         start, end = positions[point, starts[segment]], positions[point, starts[segment] + 1]
         samples = start + fractions * (end - start)
-        center = spheres[number].center + times_of(positions)[point] * spheres[number].velocity
+        center = (
+            spheres[number].center + times_of(positions)[point] * spheres[number].motion.velocity
+        )
         to_center = np.linalg.norm(samples - center, axis=1)
         sampled = to_center.min() - spheres[number].radius
         found = clear.distance[point, segment, number]
@@ -164,7 +168,9 @@ def test_only_what_is_surely_further_may_not_be_nearest(lemur: Robot, on_body: b
     positions = arm_points(lemur, random_configurations(lemur, 9, seed=8)[:1].repeat(9, axis=0))
     times, starts = times_of(positions), segments(positions)
     spheres = [
-        Sphere(f"s{k}", rng.uniform(-5.0, 5.0, 3), rng.uniform(0.05, 0.2), rng.normal(size=3) / 5)
+        Obstacle.sphere(
+            f"s{k}", rng.uniform(-5.0, 5.0, 3), rng.uniform(0.05, 0.2), rng.normal(size=3) / 5
+        )
         for k in range(300)
     ]
     if on_body:
@@ -172,8 +178,8 @@ def test_only_what_is_surely_further_may_not_be_nearest(lemur: Robot, on_body: b
         beside = positions[0, 3] + np.array([4.0, 0.0, 0.0])
         still = np.zeros(3)
         body = TargetBody(beside, UPRIGHT, np.eye(3), still, UPRIGHT, still, turn)
-        place = np.array([4.0, 0.0, 0.0])
-        spheres.append(Sphere("fixed", beside + place, 0.5, body=body, place_in_body=place))
+        fixed = AttachedObstacle.sphere("fixed", np.array([4.0, 0.0, 0.0]), 0.5)
+        spheres += attached(replace(body, obstacles=(fixed,)))
     distance = clearances(positions, times, starts, spheres).distance.min(axis=(0, 1))
     for moved in (0.0, rng.uniform(0.0, 0.5, len(spheres))):
         kept = may_be_nearest(positions, times, starts, spheres, moved)

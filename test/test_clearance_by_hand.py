@@ -25,10 +25,11 @@ from test_limits_by_hand import AT_POINTS, PLACE, POSTURE, the_one
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.distance.contact import deepest_contact, way_out
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
-FAR = [Sphere(name, PLACE + 30.0, 0.5) for name in ("moon", "sun")]
+FAR = [Obstacle.sphere(name, PLACE + 30.0, 0.5) for name in ("moon", "sun")]
 everywhere = pytest.mark.parametrize("place", [*PLACES, "at the goal", "at the end"])
 
 
@@ -47,7 +48,7 @@ def reaching_out(place: str, bodies: bool) -> tuple[Made, int]:
     return made(robot, joints, np.zeros(6), PLACE), furthest
 
 
-def in_the_way(found: Made, furthest: int, drift: Array) -> Sphere:
+def in_the_way(found: Made, furthest: int, drift: Array) -> Obstacle:
     """A sphere that comes to where the end effector is at its furthest, a little beyond."""
     q = found.q[furthest]
     at_rest = q.copy()
@@ -55,13 +56,13 @@ def in_the_way(found: Made, furthest: int, drift: Array) -> Sphere:
     there = arm(found.problem.robot, q)[-1]
     aside = there - arm(found.problem.robot, at_rest)[-1]
     center = there + 0.3 * aside / np.linalg.norm(aside)
-    return Sphere("bolt", center - found.time[furthest] * drift, 0.1, drift)
+    return Obstacle.sphere("bolt", center - found.time[furthest] * drift, 0.1, drift)
 
 
 def test_the_penalty_is_that_of_the_points_by_the_nearest_line_of_the_arm() -> None:
     found, furthest = reaching_out("at the goal", False)
-    sphere = replace(in_the_way(found, furthest, np.zeros(3)), radius=0.5)
-    another = Sphere("nut", arm(found.problem.robot, found.q[0])[3], 0.1)
+    sphere = replace(in_the_way(found, furthest, np.zeros(3)), shape=Solid("sphere", [0.5]))
+    another = Obstacle.sphere("nut", arm(found.problem.robot, found.q[0])[3], 0.1)
     depths = [
         max(0.0, one.radius - from_lines(arm(found.problem.robot, q), one.center).min())
         for q in found.q[::DENSE]

@@ -37,7 +37,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Sta
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Objective, Sphere
+from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -173,7 +173,7 @@ def test_the_nearest_pair_of_all_points_is_the_plans(capture: PlanningTask, plan
     (stage,) = stages_of(capture, plan)
     problem = capture.problem
     moving = [
-        replace(one, velocity=np.array([0.03, 0.0, 0.0])) if isinstance(one, Sphere) else one
+        one.with_motion(velocity=np.array([0.03, 0.0, 0.0])) if one.is_sphere else one
         for one in problem.obstacles
     ]
     stage = replace(stage, problem=replace(problem, obstacles=tuple(moving)))

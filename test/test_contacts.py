@@ -24,9 +24,9 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 )
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import (
-    ObstacleBody,
+    Obstacle,
     PlanningProblem,
-    Sphere,
+    RigidMotion,
     Target,
 )
 from ff_planner_ros.planning.problem.scene import Scene
@@ -71,7 +71,7 @@ def depths(engine: Touch, q: Array, time: float = 0.0) -> dict[str, float]:
     return {one.pair: one.depth for one in engine.along([q], np.array([time]))}
 
 
-def touch(robot: Robot, *spheres: Sphere, time: float = 0.0) -> dict[str, float]:
+def touch(robot: Robot, *spheres: Obstacle, time: float = 0.0) -> dict[str, float]:
     stretched = np.concatenate([[0, 0, 0, 1, 0, 0, 0], np.zeros(robot.joints)])
     return depths(Touch(robot, Scene(spheres)), stretched, time)
 
@@ -94,7 +94,7 @@ def test_depth_is_that_of_the_books(shape: str) -> None:
     robot = by_hull(bus_with(SOLIDS["box"])) if shape == "hull" else bus_with(SOLIDS[shape])
     for depth in (-0.01, -0.001, 0.001, 0.05):
         center = np.array([0.3, -0.2 + 0.5 + 0.25 - depth, 0.1])
-        found = touch(robot, Sphere("ball", center, 0.25))
+        found = touch(robot, Obstacle.sphere("ball", center, 0.25))
         if depth < 0.0:
             assert found == {}, (shape, depth)
         else:
@@ -103,14 +103,14 @@ def test_depth_is_that_of_the_books(shape: str) -> None:
 
 def test_a_moving_obstacle_is_where_it_is_then() -> None:
     robot = bus_with(SOLIDS["sphere"])
-    ball = Sphere("ball", np.array([0.3, 2.0, 0.1]), 0.2, np.array([0.0, -0.5, 0.0]))
+    ball = Obstacle.sphere("ball", np.array([0.3, 2.0, 0.1]), 0.2, np.array([0.0, -0.5, 0.0]))
     assert touch(robot, ball, time=2.9) == {}
     # Centres 2.2 m apart at first, 0.7 m when they touch: after 3 s.
     assert touch(robot, ball, time=3.1) == {"bus/ball": pytest.approx(0.05, abs=1e-6)}
 
 
 def test_a_link_may_be_called_as_mujoco_calls_the_universe() -> None:
-    ball = Sphere("ball", np.array([0.3, 0.4, 0.1]), 0.2)
+    ball = Obstacle.sphere("ball", np.array([0.3, 0.4, 0.1]), 0.2)
     assert touch(bus_with(SOLIDS["sphere"], "world"), ball) == {"world/ball": pytest.approx(0.1)}
 
 
@@ -213,9 +213,11 @@ def test_a_plan_of_lines_fails_by_the_contacts_of_its_bodies(
 def test_a_line_touches_a_sphere_by_as_much_as_geometry_says() -> None:
     """And an obstacle of another shape through which it passes, however thin the line is."""
     robot = straight_arm(0.4, 1.0, 0.6)
-    beside = Sphere("beside", np.array([0.9, 0.06, 0.0]), 0.1)
-    box = ObstacleBody("box", Solid("box", np.array([0.2, 0.2, 0.3])), np.array([1.7, 0.08, 0.0]))
-    away = Sphere("away", np.array([0.9, 0.2, 0.0]), 0.19)
+    beside = Obstacle.sphere("beside", np.array([0.9, 0.06, 0.0]), 0.1)
+    box = Obstacle(
+        "box", Solid("box", np.array([0.2, 0.2, 0.3])), RigidMotion(np.array([1.7, 0.08, 0.0]))
+    )
+    away = Obstacle.sphere("away", np.array([0.9, 0.2, 0.0]), 0.19)
     stretched = np.concatenate([[0, 0, 0, 1, 0, 0, 0], np.zeros(2)])
     found = depths(Touch(robot, Scene((beside, away, box))), stretched)
     assert found == {
@@ -260,7 +262,7 @@ def test_contacts_are_the_same_from_any_frame_that_drifts(
         ee_positions=motion.ee_positions + way,
         ee_linear_velocities=motion.ee_linear_velocities + speed,
     )
-    spheres = [replace(s, center=s.center + away, velocity=speed) for s in problem.obstacles]
+    spheres = [s.with_motion(position=s.center + away, velocity=speed) for s in problem.obstacles]
     here = verify(problem.robot, motion, Scene(problem.obstacles)).contacts
     for one, other in zip(here, verify(problem.robot, there, Scene(spheres)).contacts, strict=True):
         assert one.number == other.pair
@@ -297,7 +299,7 @@ def test_what_is_grasped_may_be_touched_near_the_goal_and_only_there(
     """The tool's box is 12 cm long and ends in the end effector's frame."""
     problem, motion = planned
     goal, radius = motion.ee_positions[-1], 0.05
-    grasped = Sphere("grasped", goal, radius)
+    grasped = Obstacle.sphere("grasped", goal, radius)
     way = np.linalg.norm(motion.ee_positions - goal, axis=1)
 
     def seen(distance: float, *allowed: str) -> dict[str, Contact]:

@@ -46,10 +46,10 @@ from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,
+    Obstacle,
     Orientation,
     Parametrisation,
     PlanningProblem,
-    Sphere,
     with_capture_target,
 )
 from ff_planner_ros.planning.scenario.scenario import load_scenario
@@ -263,7 +263,7 @@ def _capture_far_away(_: PlanningProblem) -> PlanningProblem:
 
 def _with_goal(problem: PlanningProblem, x: float, radius: float = 0.0) -> PlanningProblem:
     place = problem.target.position + np.array([x, 0.0, 0.0])
-    clamp = (Sphere("clamp", place, radius),) if radius else ()
+    clamp = (Obstacle.sphere("clamp", place, radius),) if radius else ()
     return replace(problem, target=replace(problem.target, position=place), obstacles=clamp)
 
 
@@ -272,7 +272,7 @@ def _with_goal(problem: PlanningProblem, x: float, radius: float = 0.0) -> Plann
     [
         (
             Status.START_IN_COLLISION,
-            lambda problem: replace(problem, obstacles=(Sphere("c1", np.zeros(3), 1.5),)),
+            lambda problem: replace(problem, obstacles=(Obstacle.sphere("c1", np.zeros(3), 1.5),)),
             "obstacles[c1]",
         ),
         (

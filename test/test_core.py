@@ -24,7 +24,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points, arm_points_wi
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.problems.robots import planar_urdf
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
@@ -129,7 +129,7 @@ def test_distances_of_interest_and_their_derivatives_are_those_of_numpy(
     places = rng.choice(points, 60) + rng.choice([0.5, 5.0], (60, 1)) * rng.normal(size=(60, 3))
     motions = rng.choice([0.0, 0.1], (60, 1)) * rng.normal(size=(60, 3))
     spheres = [
-        Sphere(str(k), place, rng.uniform(0.05, 0.5), moving)
+        Obstacle.sphere(str(k), place, rng.uniform(0.05, 0.5), moving)
         for k, (place, moving) in enumerate(zip(places, motions, strict=True))
     ]
     for few in ([], spheres):

@@ -27,7 +27,7 @@ from ff_planner_ros.planning.distance.body_distances import pair_distances
 from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.collision.bodies import Kind
 from ff_planner_ros.robot.model import Robot
 
@@ -44,7 +44,7 @@ class Checked(NamedTuple):
     robot: Robot
     motion: FollowedMotion
     last: int
-    spheres: list[Sphere]
+    spheres: list[Obstacle]
     of_pairs: Array
     of_spheres: Array
 
@@ -56,7 +56,9 @@ def checked(seed: int) -> Checked:
     last = len(motion.time) - 1 - seed
     (centers,), radii = spheres_around(robot, motion.q[:1], 4, rng)
     spheres = [
-        Sphere(str(k), place + k * rng.normal(scale=0.3, size=3), radius, rng.normal(0.0, 0.05, 3))
+        Obstacle.sphere(
+            str(k), place + k * rng.normal(scale=0.3, size=3), radius, rng.normal(0.0, 0.05, 3)
+        )
         for k, (place, radius) in enumerate(zip(centers, radii, strict=True))
     ]
     of_pairs = [

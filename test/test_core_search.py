@@ -24,7 +24,7 @@ from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certif
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.search_certificate import search_certificate
 from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -120,7 +120,9 @@ def test_the_certificate_of_the_search_is_that_of_numpy_and_never_above_the_chec
     for away in (0.4, 3.0):
         places = rng.choice(points, 5) + away * rng.normal(size=(5, 3))
         spheres = [
-            Sphere(str(k), place, rng.uniform(0.05, 0.3), rng.normal(scale=0.1 * k, size=3))
+            Obstacle.sphere(
+                str(k), place, rng.uniform(0.05, 0.3), rng.normal(scale=0.1 * k, size=3)
+            )
             for k, place in enumerate(places)
         ]
         question = (robot, q, np.tile(v, (12, 1)), times, spheres)
@@ -140,9 +142,9 @@ def test_a_sphere_that_passes_by_far_away_does_not_hide_how_near_another_one_is(
     q = np.tile(configuration(robot, random_state(robot, np.random.default_rng(0)))[0], (12, 1))
     times, still = np.linspace(0.0, 12.0, 12), np.zeros((12, robot.model.nv))
     tip = arm_points(robot, q[:1])[0, -1]
-    rock = Sphere("rock", tip + np.array([0.0, 0.0, 30.0]), 0.2)
+    rock = Obstacle.sphere("rock", tip + np.array([0.0, 0.0, 30.0]), 0.2)
     begins = tip + np.array([-6.1 * speed, 90.0, 0.0])
-    passing = Sphere("debris", begins, 0.2, [speed, 0.0, 0.0])
+    passing = Obstacle.sphere("debris", begins, 0.2, [speed, 0.0, 0.0])
     alone = certified_clearance(robot, q, still, times, [rock])
     for certificate in (certified_clearance, search_certificate):
         assert certificate(robot, q, still, times, [rock, passing]) == pytest.approx(

@@ -15,7 +15,7 @@ from test_body_distances import configurations
 from test_obstacle_shapes import core_rows
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.problem import ObstacleBody
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 
 POINTS, INTEREST = 100, 0.4
@@ -33,7 +33,7 @@ def cores(count: int) -> Iterator[None]:
         os.sched_setaffinity(0, CORES)
 
 
-def crowded(seed: int, count: int) -> tuple[Robot, Array, tuple[ObstacleBody, ...]]:
+def crowded(seed: int, count: int) -> tuple[Robot, Array, tuple[Obstacle, ...]]:
     """Return a robot, configurations, and obstacles of all kinds among its bodies."""
     robot = random_robot(seed)
     q = configurations(robot, POINTS, seed)

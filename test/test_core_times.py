@@ -16,18 +16,18 @@ from test_core import chain_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 
 STEP, POINTS, FAR = 1e-5, 8, 1e3
 TIMES = np.linspace(0.0, 2.5, POINTS) + 0.2
 LATER = TIMES / TIMES[-1]  # each, in parts of what the last one is
 
 
-def spheres_near(place: Array, seed: int) -> tuple[Sphere, ...]:
+def spheres_near(place: Array, seed: int) -> tuple[Obstacle, ...]:
     """Three on a body that drifts and tumbles, one that flies, one that rests."""
     rng = np.random.default_rng(seed)
-    flying = Sphere("flying", place + rng.normal(size=3), 0.1, 0.4 * rng.normal(size=3))
-    resting = Sphere("resting", place + rng.normal(size=3), 0.1)
+    flying = Obstacle.sphere("flying", place + rng.normal(size=3), 0.1, 0.4 * rng.normal(size=3))
+    resting = Obstacle.sphere("resting", place + rng.normal(size=3), 0.1)
     return (flying, *tumbling_spheres(rng, place, 3), resting)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from ff_planner_msgs.msg import Approach as ApproachMessage
 from ff_planner_msgs.msg import ChaserState, ObstacleSphere, PlanRequest
+from ff_planner_msgs.msg import Obstacle as ObstacleMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 
 from ff_planner_benchmark.problems import tumbling
@@ -24,24 +25,32 @@ from ff_planner_ros.common.declared_messages import (
 )
 from ff_planner_ros.errors import Faults, InvalidInput, fields_named
 from ff_planner_ros.planning.problem.approach import HALF_ANGLE, Approach
+from ff_planner_ros.planning.problem.obstacles import SphereEntry
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
+    Obstacle,
     Orientation,
     Parametrisation,
     PlanningProblem,
-    Sphere,
     Target,
 )
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import (
+    AttachedObstacle,
+    AttachedSphereEntry,
+    TargetBody,
+)
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import entry_of
+from ff_planner_ros.ros.messages.to_messages import target_body_message
 
 MESSAGE_OF = [
     (SystemState, ChaserState),
-    (Sphere, ObstacleSphere),
-    (AttachedSphere, ObstacleSphere),
+    (SphereEntry, ObstacleSphere),
+    (AttachedSphereEntry, ObstacleSphere),
+    (Obstacle, ObstacleMessage),
+    (AttachedObstacle, ObstacleMessage),
     (TargetBody, TargetBodyMessage),
     (PlanningProblem, PlanRequest),
     (PlanningTask, PlanRequest),
@@ -126,7 +135,7 @@ def test_what_is_said_in_a_message_comes_back_out_of_it_to_the_last_bit(
     body = tumbling.problem("tumbling", 0).target_body
     assert body is not None
     assert body.obstacles
-    message = write_object(body, TargetBodyMessage(), entry_of)
+    message = target_body_message(body, 0, "inertial")
     assert_same(TargetBody(**values_in(TargetBody, message)), body)
     state = write_object(asked.start, ChaserState(), entry_of)
     assert_same(SystemState(**values_in(SystemState, state)), asked.start)

@@ -33,7 +33,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_distances,
     seen_from_chaser,
 )
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Robot
@@ -101,9 +101,11 @@ def robot_of(arm: Robot, *solids: Placed) -> Robot:
     return replace(arm, bodies=tuple(bodies), pairs=pairs)
 
 
-def obstacle_of(number: int, one: Placed) -> ObstacleBody:
-    return ObstacleBody(
-        str(number), one.solid, one.position, Rotation.from_matrix(one.rotation).as_quat()
+def obstacle_of(number: int, one: Placed) -> Obstacle:
+    return Obstacle(
+        str(number),
+        one.solid,
+        RigidMotion(one.position, Rotation.from_matrix(one.rotation).as_quat()),
     )
 
 
@@ -143,7 +145,9 @@ def answers(arm: Robot, group: Group) -> tuple[dict[str, OfCore], dict[str, Dist
         "pairs": pair_distances(together, together_placed, of_pairs),
     }
     if group.others[0].solid.kind == "sphere":
-        spheres = [Sphere(str(k), one.position, one.radius) for k, one in enumerate(group.others)]
+        spheres = [
+            Obstacle.sphere(str(k), one.position, one.radius) for k, one in enumerate(group.others)
+        ]
         of = alone, q, now, spheres_of(spheres, 0.0), count, FAR
         core["spheres"] = OfCore.of(sphere_distances_of_core(*of), count)
         centers = np.array([[one.center for one in spheres]])
@@ -274,6 +278,8 @@ def test_a_thin_plate_deep_in_a_long_tube_leaves_by_its_shortest_way_wherever_bo
         placement = pin.SE3(frame.as_matrix(), at)
         body = Body("tube", "bus", 1, tube.geometry, placement, tube.center, tube.radius)
         alone = replace(robot, bodies=(body,), pairs=())
-        seen = ObstacleBody("plate", plate, at + frame.apply(place), (frame * turn).as_quat())
+        seen = Obstacle(
+            "plate", plate, RigidMotion(at + frame.apply(place), (frame * turn).as_quat())
+        )
         rows = core_rows(alone, q, np.zeros(1), (seen,), FAR)
         assert rows.values[0] == pytest.approx(truth, abs=EXACT), number

@@ -19,7 +19,7 @@ from test_body_distances import configurations
 from test_obstacle_shapes import FAR, core_rows
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
 
@@ -90,7 +90,11 @@ def depths_of_core(
     body = Body("one", "bus", 1, solid.geometry, placement, placement.act(solid.center), 20.0)
     alone = replace(robot, bodies=(body,), pairs=())
     seen = tuple(
-        ObstacleBody(str(number), other.solid, at + frame.apply(middle), (frame * turn).as_quat())
+        Obstacle(
+            str(number),
+            other.solid,
+            RigidMotion(at + frame.apply(middle), (frame * turn).as_quat()),
+        )
         for number, (other, middle, turn) in enumerate(others)
     )
     rows = core_rows(alone, q, np.zeros(1), seen, FAR)

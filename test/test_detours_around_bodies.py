@@ -21,7 +21,7 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import (
     end_effector_paths,
 )
 from ff_planner_ros.planning.paths.outlines import around_body
-from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem, RigidMotion
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.collision.solids import Solid
@@ -49,7 +49,7 @@ def walled(problem: PlanningProblem, up: float, **motion: Array) -> PlanningProb
     across = turn.toRotationMatrix()[:, 0]
     solid = Solid("box", np.array([0.5, 0.4, 0.005]))
     place = way[50] + up * across
-    plate = ObstacleBody("plate", solid, place, turn.coeffs(), **motion)
+    plate = Obstacle("plate", solid, RigidMotion(place, turn.coeffs(), **motion))
     return replace(problem, obstacles=(plate,))
 
 
@@ -62,7 +62,9 @@ def test_a_thin_plate_across_the_straight_path_is_passed_on_four_sides_the_neare
     guesses = [*islice(family.first_guesses(asked.obstacles, POINTS, DAMPING), 5)]
     np.testing.assert_array_equal(guesses[0], STRAIGHT)
     (plate,) = asked.obstacle_bodies
-    place = pin.SE3(pin.Quaternion(plate.quaternion_xyzw).toRotationMatrix(), plate.position)
+    place = pin.SE3(
+        pin.Quaternion(plate.motion.quaternion_xyzw).toRotationMatrix(), plate.motion.position
+    )
     crossed = []
     for x in guesses:
         seen = np.array([place.actInv(point) for point in end_effectors(family, x)])
@@ -80,12 +82,12 @@ def test_without_a_body_in_the_way_there_is_nothing_to_pass(problem: PlanningPro
     family = end_effector_paths(problem)
     straight = family.motion(STRAIGHT, POINTS, DAMPING)
     (plate,) = walled(problem, 0.0).obstacle_bodies
-    away = replace(plate, position=plate.position + np.array([0.0, 3.0, 0.0]))
+    away = plate.with_motion(position=plate.motion.position + np.array([0.0, 3.0, 0.0]))
     assert around_body(problem.robot, straight, problem.duration, ()) is None
     assert around_body(problem.robot, straight, problem.duration, (away,)) is None
     assert around_body(problem.robot, straight, problem.duration, (away, plate)) is not None
     # One that has left when the arm comes.
-    leaving = replace(plate, velocity=np.array([0.0, 0.6, 0.0]))
+    leaving = plate.with_motion(velocity=np.array([0.0, 0.6, 0.0]))
     assert around_body(problem.robot, straight, problem.duration, (leaving,)) is None
 
 
@@ -96,9 +98,9 @@ def test_what_comes_along_is_passed_as_it_sees_the_arm_come(problem: PlanningPro
     way = end_effectors(family, STRAIGHT)
     solid = Solid("capsule", np.array([0.1, 0.001]))
     velocity = np.array([0.0, -0.5, 0.0])
-    at_rest = ObstacleBody("ball", solid, way[50])
-    coming = ObstacleBody(
-        "ball", solid, way[50] - problem.duration / 2 * velocity, velocity=velocity
+    at_rest = Obstacle("ball", solid, RigidMotion(way[50]))
+    coming = Obstacle(
+        "ball", solid, RigidMotion(way[50] - problem.duration / 2 * velocity, velocity=velocity)
     )
     along = {}
     for ball in (at_rest, coming):

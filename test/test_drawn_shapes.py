@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -62,7 +61,7 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 
 @pytest.mark.parametrize("kind", SOLIDS)
 def test_the_surface_of_a_body_is_closed_and_looks_outwards(kind: str) -> None:
-    body = ObstacleBody(kind, SOLIDS[kind], np.zeros(3))
+    body = Obstacle(kind, SOLIDS[kind], RigidMotion(np.zeros(3)))
     corners, triangles = obstacle_surface(body, 200)
     assert volume(corners, triangles) == pytest.approx(VOLUMES[kind], rel=2e-3)
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
@@ -71,12 +70,14 @@ def test_the_surface_of_a_body_is_closed_and_looks_outwards(kind: str) -> None:
 
 
 def test_a_body_is_drawn_where_it_is_and_as_it_is_turned() -> None:
-    body = ObstacleBody(
+    body = Obstacle(
         "panel",
         SOLIDS["box"],
-        np.array([1.0, 2.0, 3.0]),
-        velocity=np.array([0.1, 0.0, 0.0]),
-        angular_velocity=np.array([0.0, 0.0, np.pi / 20.0]),
+        RigidMotion(
+            np.array([1.0, 2.0, 3.0]),
+            velocity=np.array([0.1, 0.0, 0.0]),
+            angular_velocity=np.array([0.0, 0.0, np.pi / 20.0]),
+        ),
     )
     begin, end = placed(body, np.array([[0.15, 0.0, 0.0]]), np.array([0.0, 10.0]))[:, 0]
     assert begin == pytest.approx([1.15, 2.0, 3.0])
@@ -88,17 +89,19 @@ def moving_bodies(plan: Plan) -> tuple[Obstacle, ...]:
     place = plan.trajectory.ee_positions.mean(axis=0)
     rng = np.random.default_rng(5)
     found: list[Obstacle] = [
-        ObstacleBody(
+        Obstacle(
             kind,
             solid,
-            place + rng.normal(scale=0.5, size=3),
-            Rotation.random(random_state=number).as_quat(),
-            rng.normal(scale=0.05, size=3),
-            rng.normal(scale=0.1, size=3),
+            RigidMotion(
+                place + rng.normal(scale=0.5, size=3),
+                Rotation.random(random_state=number).as_quat(),
+                rng.normal(scale=0.05, size=3),
+                rng.normal(scale=0.1, size=3),
+            ),
         )
         for number, (kind, solid) in enumerate(SOLIDS.items())
     ]
-    found.insert(2, Sphere("ball", place + np.array([0.4, 0.0, 0.3]), 0.1))
+    found.insert(2, Obstacle.sphere("ball", place + np.array([0.4, 0.0, 0.3]), 0.1))
     return tuple(found)
 
 
@@ -106,10 +109,13 @@ def _by_coal(robot: Robot, one: Obstacle, q: Array, time: float) -> float:
     """The least distance of the robot's bodies from an obstacle."""
     whole, data = with_bodies(robot), robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
-    if isinstance(one, Sphere):
-        solid, place = coal.Sphere(one.radius), pin.SE3(np.eye(3), one.center + one.way(time))
+    if one.is_sphere:
+        solid, place = (
+            coal.Sphere(one.radius),
+            pin.SE3(np.eye(3), one.center + one.motion.way(time)),
+        )
     else:
-        rotations, origins = one.poses(np.array([time]))
+        rotations, origins = one.motion.poses(np.array([time]))
         solid, place = one.solid.geometry, pin.SE3(rotations[0], origins[0])
     least = np.inf
     for body in whole.bodies:
@@ -163,25 +169,26 @@ def test_a_body_that_sweeps_through_the_arm_touches_it() -> None:
     plan = drawn_plan(robot, seed=2)
     motion = plan.trajectory
     end, until = motion.ee_positions[-1], float(motion.time[-1] - motion.time[0])
-    panel = ObstacleBody(
+    panel = Obstacle(
         "panel",
         Solid("box", np.array([0.01, 1.0, 1.0])),
-        end - until * np.array([5.0, 0.0, 0.0]),
-        velocity=np.array([5.0, 0.0, 0.0]),
+        RigidMotion(end - until * np.array([5.0, 0.0, 0.0]), velocity=np.array([5.0, 0.0, 0.0])),
     )
     assert any(pair.endswith("/panel") for pair in touching(robot, motion, [panel]))
-    away = replace(panel, velocity=np.zeros(3))
+    away = panel.with_motion(velocity=np.zeros(3))
     assert not any(pair.endswith("/panel") for pair in touching(robot, motion, [away]))
     # It turns into the arm.
-    boom = ObstacleBody(
+    boom = Obstacle(
         "boom",
         Solid("capsule", np.array([0.02, 64.0])),
-        end + np.array([0.0, 30.0, 0.0]),
-        np.array([0.0, 0.0, 0.0, 1.0]),
-        angular_velocity=np.array([np.pi / 2.0 / until, 0.0, 0.0]),
+        RigidMotion(
+            end + np.array([0.0, 30.0, 0.0]),
+            np.array([0.0, 0.0, 0.0, 1.0]),
+            angular_velocity=np.array([np.pi / 2.0 / until, 0.0, 0.0]),
+        ),
     )
     assert any(pair.endswith("/boom") for pair in touching(robot, motion, [boom]))
-    assert not touching(robot, motion, [replace(boom, angular_velocity=np.zeros(3))]) & {
+    assert not touching(robot, motion, [boom.with_motion(angular_velocity=np.zeros(3))]) & {
         f"{body.name}/boom" for body in robot.bodies
     }
 
@@ -222,7 +229,7 @@ def test_markers_show_bodies_by_their_poses(capture: PlanningProblem) -> None:
     assert len(found) == len(free)
     kinds = {"box": Marker.CUBE}
     for marker, one in zip(found, free, strict=True):
-        if isinstance(one, Sphere):
+        if one.is_sphere:
             assert marker.type == Marker.SPHERE
             continue
         assert marker.type == kinds.get(one.solid.kind, Marker.TRIANGLE_LIST)
@@ -249,7 +256,7 @@ def _check_pose(marker: Marker, one: Obstacle, time: float) -> None:
     wanted = placed(one, points, np.array([time]))[0]
     here = turned.apply(points) + np.array([place.x, place.y, place.z])
     # A sphere has no attitude that one could see.
-    rows = slice(0, 1) if isinstance(one, Sphere) else slice(None)
+    rows = slice(0, 1) if one.is_sphere else slice(None)
     assert here[rows] == pytest.approx(wanted[rows], abs=1e-9)
 
 

@@ -12,7 +12,7 @@ from ff_planner_ros.analysis.extremes import distances, joint_extremes, nearest
 from ff_planner_ros.common.arrays import frozen
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems import bodies
 from ff_planner_ros.report.plan_words import joint_table
@@ -56,8 +56,8 @@ def test_each_obstacle_has_its_own_nearest_place_wherever_it_moves(
     before = int(np.flatnonzero(lengths > 1e-6)[-1])  # the last joint of the spherical wrist's link
     ahead = (terms.r_ee - terms.r_joint[before]) / lengths[before]
     spheres = (
-        Sphere("there", terms.r_ee + 0.4 * ahead, 0.1),
-        Sphere("coming", terms.r_ee + 1.2 * ahead, 0.1, velocity=-0.1 * ahead),
+        Obstacle.sphere("there", terms.r_ee + 0.4 * ahead, 0.1),
+        Obstacle.sphere("coming", terms.r_ee + 1.2 * ahead, 0.1, velocity=-0.1 * ahead),
     )
     found = distances(lemur, spheres, fine.trajectory)
     there, coming = (nearest(lemur, spheres, found, k) for k in range(2))
@@ -69,7 +69,7 @@ def test_each_obstacle_has_its_own_nearest_place_wherever_it_moves(
 
 def test_thousands_of_obstacles_are_measured_piece_by_piece(lemur: Robot) -> None:
     rng = np.random.default_rng(1)
-    spheres = tuple(Sphere(f"s{k}", rng.uniform(-3, 3, 3), 0.05) for k in range(2000))
+    spheres = tuple(Obstacle.sphere(f"s{k}", rng.uniform(-3, 3, 3), 0.05) for k in range(2000))
     motion = drawn_plan(lemur, 2).trajectory
     found = distances(lemur, spheres, motion)
     few = distances(lemur, spheres[500:503], motion)
@@ -107,7 +107,7 @@ def test_of_a_measured_motion_only_the_measurements_count(lemur: Robot) -> None:
         assert (joint.rate, joint.rate_time) == (rates.max(), motion.time[rates.argmax()])
         assert joint.highest == motion.joint_positions[:, k].max()
         assert np.isnan(joint.torque)
-    found = distances(lemur, (Sphere("s", [1, 0, 1], 0.1),), measured)
+    found = distances(lemur, (Obstacle.sphere("s", [1, 0, 1], 0.1),), measured)
     np.testing.assert_array_equal(found.time, motion.time)
 
 

@@ -29,10 +29,10 @@ from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.motion.wheel_motion import WheelPeaks
 from ff_planner_ros.planning.problem.problem import (
     Limits,
+    Obstacle,
     Orientation,
     PlanningProblem,
     Posture,
-    Sphere,
     Target,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -81,7 +81,7 @@ def cramped(problem: PlanningProblem, sound: Plan) -> PlanningProblem:
             velocity_limits=robot.velocity_limits / 100.0,
             effort_limits=robot.effort_limits / 100.0,
         ),
-        obstacles=(Sphere("bolt", sound.trajectory.ee_positions[25], 0.05),),
+        obstacles=(Obstacle.sphere("bolt", sound.trajectory.ee_positions[25], 0.05),),
         limits=Limits(joint_velocities=True),
     )
 
@@ -217,7 +217,7 @@ def test_a_constraint_that_is_not_met_at_the_goal_is_told_as_the_goals(
     lemur_capture: PlanningProblem, sound: Plan, settings: PlannerSettings
 ) -> None:
     """Another posture or another way cannot help: the goal must change."""
-    clamp = Sphere("clamp", sound.trajectory.ee_positions[-1], 0.01)
+    clamp = Obstacle.sphere("clamp", sound.trajectory.ee_positions[-1], 0.01)
     (failure,) = judged(replace(lemur_capture, obstacles=(clamp,)), sound, settings)
     assert "inside obstacle clamp at the goal, t = 10.00 s of 10 s" in failure.finding
 
@@ -229,7 +229,7 @@ def test_a_smaller_margin_is_advised_where_it_can_make_the_difference(
     tip = sound.trajectory.ee_positions[-1]
     toward_arm = sound.trajectory.ee_positions[-2] - tip
     beyond = tip - 0.2 * toward_arm / np.linalg.norm(toward_arm)
-    sphere = Sphere("dish", beyond, _distance(lemur_capture, sound, beyond) + depth)
+    sphere = Obstacle.sphere("dish", beyond, _distance(lemur_capture, sound, beyond) + depth)
     (failure,) = judged(replace(lemur_capture, obstacles=(sphere,)), sound, settings)
     assert f"{depth:g} m inside obstacle dish" in failure.finding
     assert ("a smaller planner.clearance_margin" in failure.advice) is told
@@ -239,7 +239,7 @@ def _distance(problem: PlanningProblem, sound: Plan, place: Any) -> float:
     """How near the arm comes to a place at its points."""
     q, _ = from_trajectory(problem.robot, sound.trajectory)
     positions = arm_points(problem.robot, q)
-    point = Sphere("point", place, 1e-9)
+    point = Obstacle.sphere("point", place, 1e-9)
     return float(
         clearances(positions, sound.trajectory.time, segments(positions), [point]).distance.min()
     )

@@ -47,6 +47,7 @@ from ff_planner_ros.analysis.methods import (
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Robot
 
 ALL_METHODS = (*PAPERS_METHODS, WEIGHTED, FIXED_BASE, ZERO_MOMENTUM)
@@ -230,7 +231,9 @@ def test_zero_clearance_is_marked_with_the_inside_of_obstacles_below_it(
     radius: float, lemur_capture: PlanningProblem, plans: dict[Method, Plan]
 ) -> None:
     """Whether all curves are above zero, or all below."""
-    obstacles = tuple(replace(sphere, radius=radius) for sphere in lemur_capture.obstacles)
+    obstacles = tuple(
+        replace(sphere, shape=Solid("sphere", [radius])) for sphere in lemur_capture.obstacles
+    )
     problem = replace(lemur_capture, obstacles=obstacles)
     motion = plans[SHORTEST].trajectory
     signs = np.sign(distances(problem.robot, obstacles, motion).closest)

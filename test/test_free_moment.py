@@ -35,9 +35,9 @@ from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Objective,
+    Obstacle,
     Parametrisation,
     PlanningProblem,
-    Sphere,
     lasting,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -78,7 +78,7 @@ def free(
 def moving_scene() -> PlanningProblem:
     """A body that tumbles, and a sphere that drifts towards the arm."""
     problem = tumbling.problem("tumbling", 0)
-    drifting = Sphere("drifting", [1.0, 0.4, 0.3], 0.2, [-0.03, 0.0, 0.01])
+    drifting = Obstacle.sphere("drifting", [1.0, 0.4, 0.3], 0.2, [-0.03, 0.0, 0.01])
     return in_own_frame(replace(problem, obstacles=(*problem.obstacles, drifting)))
 
 
@@ -95,7 +95,7 @@ def with_bodies() -> PlanningProblem:
     """The same scene for a robot with shapes, some of them in a sphere that drifts."""
     given = moving_scene()
     robot = bench_robot(ROBOTS[0], Geometry.SHAPES)
-    deep = Sphere("deep", [1.0, 0.4, 0.3], 0.5, [-0.03, 0.0, 0.01])
+    deep = Obstacle.sphere("deep", [1.0, 0.4, 0.3], 0.5, [-0.03, 0.0, 0.01])
     return replace(given, robot=robot, obstacles=(*given.obstacles, deep))
 
 

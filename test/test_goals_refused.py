@@ -18,11 +18,11 @@ from test_limits_by_hand import PLACE, POSTURE, TWIST
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.check.preconditions import require_plannable
-from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem, Target
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
-FAR = Sphere("moon", PLACE + 30.0, 1.0)
+FAR = Obstacle.sphere("moon", PLACE + 30.0, 1.0)
 UNTURNED = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -49,7 +49,7 @@ def test_a_goal_inside_any_obstacle_when_the_plan_ends_is_refused(
     goal, way = problem.target.position, problem.duration * drift
     aside = np.array([0.0, 0.03, 0.0])
     for depth in (1e-3, -1e-6):
-        sphere = Sphere("rock", goal + aside - way, 0.03 + depth, drift)
+        sphere = Obstacle.sphere("rock", goal + aside - way, 0.03 + depth, drift)
         others = [FAR, replace(FAR, id="sun")]
         asked = replace(problem, obstacles=(*others[:number], sphere, *others[number:]))
         if depth < 0.0:
@@ -61,7 +61,7 @@ def test_a_goal_inside_any_obstacle_when_the_plan_ends_is_refused(
 
 def test_a_goal_that_an_obstacle_has_left_by_then_is_not_refused() -> None:
     problem = away_from_goal().problem
-    leaving = Sphere("rock", problem.target.position, 0.03, np.array([0.0, 0.5, 0.0]))
+    leaving = Obstacle.sphere("rock", problem.target.position, 0.03, np.array([0.0, 0.5, 0.0]))
     require_plannable(replace(problem, obstacles=(leaving,)), SETTINGS)
 
 
@@ -193,7 +193,7 @@ def test_a_tool_that_is_in_an_obstacle_at_the_goal_is_refused(number: int, drift
     assert distance > 0.05
     for depth in (2e-3, -1e-4):
         start = center - problem.duration * drift
-        sphere = Sphere("rock", start, distance + depth, drift)
+        sphere = Obstacle.sphere("rock", start, distance + depth, drift)
         others = [FAR, replace(FAR, id="sun")]
         asked = replace(problem, obstacles=(*others[:number], sphere, *others[number:]))
         if depth < 0.0:

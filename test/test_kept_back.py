@@ -32,13 +32,13 @@ from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import (
     Limits,
-    ObstacleBody,
+    Obstacle,
     PlanningProblem,
-    Sphere,
+    RigidMotion,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, RobustSettings
-from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle
 from ff_planner_ros.planning.robust import robust
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
@@ -146,8 +146,10 @@ def test_what_is_fixed_to_a_target_grows_with_it_in_any_frame(
     """The planner sees it in a frame of its own, where what is fixed is made anew."""
     lemur_tumbling = load_scenario(CONFIG / "scenarios/lemur_tumbling.yaml")
     assert lemur_tumbling.target_body is not None
-    box = AttachedBody("box", Solid("box", np.array([0.2, 0.3, 0.4])), np.array([0.0, 0.0, 3.0]))
-    ball = AttachedSphere("ball", np.array([0.0, 0.0, -3.0]), 0.2)
+    box = AttachedObstacle(
+        "box", Solid("box", np.array([0.2, 0.3, 0.4])), np.array([0.0, 0.0, 3.0])
+    )
+    ball = AttachedObstacle.sphere("ball", np.array([0.0, 0.0, -3.0]), 0.2)
     body = replace(lemur_tumbling.target_body, obstacles=(box, ball))
     problem = with_capture_target(body, lemur_tumbling)
     names = [one.id for one in problem.obstacles]
@@ -162,8 +164,8 @@ def test_what_is_fixed_to_a_target_grows_with_it_in_any_frame(
     of_box, of_ball = (
         next(one for one in second.obstacles if one.id == name) for name in ("box", "ball")
     )
-    assert isinstance(of_box, ObstacleBody)
-    assert isinstance(of_ball, Sphere)
+    assert not of_box.is_sphere
+    assert of_ball.is_sphere
     assert of_ball.radius == pytest.approx(0.2 + told.clearance[names.index("ball")][1])
     assert of_box.solid.grown == pytest.approx(1.02 * SIGMAS * 0.01)
 
@@ -185,7 +187,10 @@ def test_a_solid_that_is_grown_is_all_that_is_within_a_distance_of_it(kind: str)
         turn = Rotation.random(random_state=rng).as_quat()
         q = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, rng.normal()]])
         least = list[float]()
-        for one in (ObstacleBody(kind, solid, place, turn), ObstacleBody(kind, grown, place, turn)):
+        for one in (
+            Obstacle(kind, solid, RigidMotion(place, turn)),
+            Obstacle(kind, grown, RigidMotion(place, turn)),
+        ):
             count = len(robot.bodies)
             placed, none = placed_bodies(robot, q[:, 7:]), np.zeros(count, np.intp)
             poses = seen_from_chaser(q, np.zeros(1), [one])
@@ -254,7 +259,7 @@ def test_an_obstacle_grows_up_to_the_robot_at_its_start_and_no_further(
     asked: Callable[..., Asked], lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
     beside = lemur_plan.trajectory.ee_positions[0] + [0.3, 0.0, 0.0]
-    near = Sphere("near", beside, 0.29)
+    near = Obstacle.sphere("near", beside, 0.29)
     planner = asked([margins(CLEARANCE, (-0.2, 0.1, 0, 2.0))], [ENOUGH])
     planner.answer(replace(lemur_capture, obstacles=(near,)))
     (grown,) = planner.problems[1].obstacles

@@ -32,7 +32,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.objective import DurationRange
-from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.target_body import TargetBody
@@ -57,14 +57,11 @@ from ff_planner_ros.runs.replay import Verdict, replay
 REST = Posture(at_rest=True)
 # No two phases last equally long, or a whole number of seconds.
 FIRST, SECOND = 1.7, 2.3
-PASSING = Sphere("passing", [9.0, 1.0, -2.0], 0.1, [0.1, 0.2, -0.05])
-TURNING = ObstacleBody(
+PASSING = Obstacle.sphere("passing", [9.0, 1.0, -2.0], 0.1, [0.1, 0.2, -0.05])
+TURNING = Obstacle(
     "turning",
     Solid("box", np.array([0.5, 0.3, 0.2])),
-    [-9.0, 0.0, 3.0],
-    [0.5, 0.5, -0.5, 0.5],
-    [0.0, -0.1, 0.05],
-    [0.2, 0.1, -0.3],
+    RigidMotion([-9.0, 0.0, 3.0], [0.5, 0.5, -0.5, 0.5], [0.0, -0.1, 0.05], [0.2, 0.1, -0.3]),
 )
 
 
@@ -176,15 +173,15 @@ def require_moved(obstacles: tuple[Obstacle, ...], seconds: float) -> None:
     """Both obstacles that move by themselves are where they are after a while."""
     (passing,) = (one for one in obstacles if one.id == "passing")
     (turning,) = (one for one in obstacles if one.id == "turning")
-    assert isinstance(passing, Sphere)
-    assert isinstance(turning, ObstacleBody)
-    place = PASSING.center + seconds * PASSING.velocity
+    assert passing.is_sphere
+    assert not turning.is_sphere
+    place = PASSING.center + seconds * PASSING.motion.velocity
     np.testing.assert_allclose(passing.center, place, atol=1e-6)
-    place = TURNING.position + seconds * TURNING.velocity
-    np.testing.assert_allclose(turning.position, place, atol=1e-6)
-    turn = Rotation.from_rotvec(seconds * TURNING.angular_velocity)
-    turned = turn * Rotation.from_quat(TURNING.quaternion_xyzw)
-    assert apart(Rotation.from_quat(turning.quaternion_xyzw), turned) < 1e-6
+    place = TURNING.motion.position + seconds * TURNING.motion.velocity
+    np.testing.assert_allclose(turning.motion.position, place, atol=1e-6)
+    turn = Rotation.from_rotvec(seconds * TURNING.motion.angular_velocity)
+    turned = turn * Rotation.from_quat(TURNING.motion.quaternion_xyzw)
+    assert apart(Rotation.from_quat(turning.motion.quaternion_xyzw), turned) < 1e-6
 
 
 def require_body(found: TargetBody | None, there: There) -> None:

@@ -26,9 +26,9 @@ from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.distance.allowed_contact import after_contact
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.posture import Posture
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Target
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.requirements.requirement import Samples
@@ -43,11 +43,11 @@ from ff_planner_ros.simulation.verification import verify
 GRASPED = "link_7/ring_0"
 
 
-def freed(one: ObstacleBody, time: float) -> ObstacleBody:
+def freed(one: Obstacle, time: float) -> Obstacle:
     """What was fixed to a body, as it is at a time, at rest."""
-    rotations, positions = one.poses(np.array([time]))
+    rotations, positions = one.motion.poses(np.array([time]))
     attitude = pin.Quaternion(rotations[0]).coeffs()
-    return ObstacleBody(one.id, one.solid, positions[0], attitude)
+    return Obstacle(one.id, one.solid, RigidMotion(positions[0], attitude))
 
 
 @cache
@@ -177,7 +177,10 @@ def test_a_plan_may_touch_until_it_has_gone_so_far_and_not_again(
     found = made(lemur_with_bodies(), joints, np.zeros(6), PLACE)
     robot = found.problem.robot
     tips = np.array([arm(robot, q)[-1] for q in found.q])
-    ball, furthest = Sphere("ball", tips[0], 0.02), np.linalg.norm(tips - tips[0], axis=1).max()
+    ball, furthest = (
+        Obstacle.sphere("ball", tips[0], 0.02),
+        np.linalg.norm(tips - tips[0], axis=1).max(),
+    )
     elsewhere = replace(found.problem.target, position=tips[-1] + 9.0)
     links = {body.link for body in robot.bodies}
     for distance in (0.005, 0.3, 9.0):
@@ -207,7 +210,7 @@ def test_how_far_it_has_gone_is_seen_from_what_it_touches() -> None:
     rng = np.random.default_rng(5)
     turn, drift, origin = rng.normal(size=3) * 0.1, rng.normal(size=3) * 0.02, tips[0] + 0.1
     box = Solid("box", np.full(3, 0.4))
-    body = ObstacleBody("box", box, origin, [0.5, -0.5, 0.5, 0.5], drift, turn)
+    body = Obstacle("box", box, RigidMotion(origin, [0.5, -0.5, 0.5, 0.5], drift, turn))
     seen = np.array(
         [
             Rotation.from_rotvec(time * turn).inv().apply(tip - origin - time * drift)
@@ -223,7 +226,7 @@ def test_how_far_it_has_gone_is_seen_from_what_it_touches() -> None:
         assert after_contact(asked, body, times[first:], q[first:]) == 0
         # Seen from the base the tool stays where it is.
         assert after_contact(asked, None, times, q) == len(times)
-    ball = Sphere("ball", tips[0], 0.1, drift)
+    ball = Obstacle.sphere("ball", tips[0], 0.1, drift)
     ways = np.linalg.norm(tips - tips[0] - times[:, None] * drift, axis=1)
     asked = replace(problem, obstacles=(ball,), contact_distance=0.03)
     assert after_contact(asked, ball, times, q) == int(np.flatnonzero(ways > 0.03)[0])

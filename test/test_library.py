@@ -16,7 +16,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.library_file import LIBRARY, load_library, save_library
@@ -24,6 +24,7 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.library import Library, StoredPlan, kind_and_place
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.scenarios import scenario
+from ff_planner_ros.robot.collision.solids import Solid
 
 SETTINGS = replace(load_parameters().planner, search=SearchDepth.QUICK)
 CAPTURE = load_scenario(LEMUR_SCENARIO)
@@ -79,25 +80,28 @@ def test_distances_are_what_their_units_say() -> None:
     expected = 5e-3 * CAPTURE.duration
     assert apart(CAPTURE, replace(CAPTURE, target=faster)) == pytest.approx(expected, rel=1e-6)
     first, *others = CAPTURE.obstacles
-    larger = (replace(first, radius=first.radius + 0.01), *others)
+    larger = (replace(first, shape=Solid("sphere", [first.radius + 0.01])), *others)
     assert apart(CAPTURE, replace(CAPTURE, obstacles=larger)) == pytest.approx(0.01 / reach)
 
 
 def test_bodies_are_as_far_as_they_moved_and_turned_and_of_another_kind_by_their_shapes() -> None:
-    body = ObstacleBody("panel", SOLIDS["box"], np.array([1.0, 2.0, 3.0]))
+    body = Obstacle("panel", SOLIDS["box"], RigidMotion(np.array([1.0, 2.0, 3.0])))
 
-    def among(one: ObstacleBody) -> PlanningProblem:
+    def among(one: Obstacle) -> PlanningProblem:
         return replace(CAPTURE, obstacles=(*CAPTURE.obstacles, one))
 
     larger = replace(body, shape=SOLIDS["cone"])
     kinds = {kind_and_place(task(one))[0] for one in (CAPTURE, among(body), among(larger))}
     assert len(kinds) == 3
-    turned = replace(body, quaternion_xyzw=Rotation.from_rotvec([0.0, 0.01, 0.0]).as_quat())
+    turned = body.with_motion(quaternion_xyzw=Rotation.from_rotvec([0.0, 0.01, 0.0]).as_quat())
     assert apart(among(body), among(turned)) == pytest.approx(0.01, rel=1e-3)
-    turning = replace(body, angular_velocity=np.array([0.0, 0.0, 1e-3]))
+    turning = body.with_motion(angular_velocity=np.array([0.0, 0.0, 1e-3]))
     expected = 1e-3 * CAPTURE.duration
     assert apart(among(body), among(turning)) == pytest.approx(expected, rel=1e-6)
-    moved = [replace(body, position=body.position + step) for step in np.diag([0.3, 0.6, 0.0])[:2]]
+    moved = [
+        body.with_motion(position=body.motion.position + step)
+        for step in np.diag([0.3, 0.6, 0.0])[:2]
+    ]
     near, far = (apart(among(body), among(one)) for one in moved)
     assert far == pytest.approx(2.0 * near)
     assert near > 0.0

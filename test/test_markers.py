@@ -15,7 +15,7 @@ from ff_planner_ros.analysis.nearest import nearest
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -23,9 +23,9 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 
 SPHERES = (
-    Sphere("c1", np.array([1.2, 0.4, 0.54]), 0.20),
-    Sphere("panel", np.array([-1.0, 2.0, 3.0]), 0.15),
-    Sphere("panel", np.array([0.0, 0.0, -5.0]), 1.5),
+    Obstacle.sphere("c1", np.array([1.2, 0.4, 0.54]), 0.20),
+    Obstacle.sphere("panel", np.array([-1.0, 2.0, 3.0]), 0.15),
+    Obstacle.sphere("panel", np.array([0.0, 0.0, -5.0]), 1.5),
 )
 SHOWN = (0, 10, 20, 29, 39)  # of 40 points, evenly spaced
 

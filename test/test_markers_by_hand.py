@@ -19,10 +19,10 @@ from visualization_msgs.msg import Marker
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.problem.target_body import AttachedSphere
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 
 BALL = 0.3
@@ -39,19 +39,21 @@ def problem() -> PlanningProblem:
     drawn = tumbling.problem("tumbling", 0)
     rng = np.random.default_rng(2)
     free = [
-        ObstacleBody(
+        Obstacle(
             kind,
             solid,
-            rng.normal(size=3),
-            Rotation.random(random_state=number).as_quat(),
-            rng.normal(scale=0.1, size=3),
-            rng.normal(scale=0.1, size=3),
+            RigidMotion(
+                rng.normal(size=3),
+                Rotation.random(random_state=number).as_quat(),
+                rng.normal(scale=0.1, size=3),
+                rng.normal(scale=0.1, size=3),
+            ),
         )
         for number, (kind, solid) in enumerate(SOLIDS.items())
     ]
-    ball = Sphere("ball", np.array([1.0, -2.0, 3.0]), BALL, np.array([0.1, 0.0, 0.0]))
+    ball = Obstacle.sphere("ball", np.array([1.0, -2.0, 3.0]), BALL, np.array([0.1, 0.0, 0.0]))
     body = with_fixed_bodies(replace(body_of(drawn), obstacles=()), 2.0)
-    held = AttachedSphere("fixed_ball", AWAY, BALL)
+    held = AttachedObstacle.sphere("fixed_ball", AWAY, BALL)
     body = replace(body, obstacles=(*body.obstacles, held))
     return with_capture_target(body, replace(drawn, obstacles=(*free, ball)))
 
@@ -121,10 +123,15 @@ def test_free_obstacles_are_drawn_where_they_are_at_the_first_point(
     free = [one for one in problem.obstacles if one.body is None]
     assert {one.id for one in free} == {*SOLIDS, "ball"}
     for marker, one in zip(markers["obstacles"], free, strict=True):
-        if isinstance(one, Sphere):
+        if one.is_sphere:
             check(marker, one.id, one.center, Rotation.identity())
         else:
-            check(marker, one.id, one.position, Rotation.from_quat(one.quaternion_xyzw.copy()))
+            check(
+                marker,
+                one.id,
+                one.motion.position,
+                Rotation.from_quat(one.motion.quaternion_xyzw.copy()),
+            )
 
 
 def test_the_paths_of_free_obstacles_end_where_their_velocities_lead(
@@ -132,8 +139,8 @@ def test_the_paths_of_free_obstacles_end_where_their_velocities_lead(
 ) -> None:
     free = [one for one in problem.obstacles if one.body is None]
     for marker, one in zip(markers["obstacle_path"], free, strict=True):
-        begin = one.center if isinstance(one, Sphere) else one.position
-        wanted = [begin, begin + plan.trajectory.time[-1] * one.velocity]
+        begin = one.center if one.is_sphere else one.motion.position
+        wanted = [begin, begin + plan.trajectory.time[-1] * one.motion.velocity]
         found = [[point.x, point.y, point.z] for point in marker.points]
         assert np.array(found) == pytest.approx(np.array(wanted))
 
@@ -150,9 +157,7 @@ def test_what_is_fixed_to_a_tumbling_target_moves_with_it(
     drawn = iter(markers["target_body"])
     for center, attitude in zip(centers, attitudes, strict=True):
         for one in fixed:
-            is_ball = isinstance(one, AttachedSphere)
-            place = one.center if is_ball else one.position
-            own = Rotation.identity() if is_ball else Rotation.from_quat(one.quaternion_xyzw.copy())
-            where = center + attitude.apply(place.copy())
+            own = Rotation.from_quat(one.quaternion_xyzw.copy())
+            where = center + attitude.apply(one.position.copy())
             check(next(drawn), one.id.removeprefix("fixed_"), where, attitude * own)
     assert not list(drawn)

@@ -124,7 +124,7 @@ def test_each_number_of_a_bodys_message_has_its_place_read_and_written() -> None
     assert body.inertia.tolist() == [[3.0, 0.1, -0.2], [0.1, 4.0, 0.3], [-0.2, 0.3, 5.0]]
     assert body.grasp_position.tolist() == [0.5, 0.6, -0.7]
     (sphere,) = body.obstacles
-    assert (sphere.id, *sphere.center, sphere.radius) == ("mast", -1.0, -1.5, 2.5, 0.2)
+    assert (sphere.id, *sphere.position, sphere.radius) == ("mast", -1.0, -1.5, 2.5, 0.2)
     again = target_body_message(body, NOW_NS, FRAME)
     for pose in (again.pose, again.grasp):
         pose.orientation = POSE.orientation  # but for rounding
@@ -138,5 +138,5 @@ def test_each_number_of_a_scenes_sphere_has_its_place_read_and_written() -> None
     message = Scene(header=header, source="mapper", spheres=[sphere])
     (read,) = scene_from_message(message, "obstacles", FRAME)
     assert (read.id, *read.center, read.radius) == ("mast", 1.0, 2.0, 3.0, 0.25)
-    assert read.velocity.tolist() == [0.01, -0.02, 0.03]
+    assert read.motion.velocity.tolist() == [0.01, -0.02, 0.03]
     assert scene_message([read], NOW_NS, FRAME, "mapper") == message

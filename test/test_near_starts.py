@@ -20,8 +20,8 @@ from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.distance.contact import deepest_contact
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
-from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
@@ -59,8 +59,8 @@ def beside(problem: PlanningProblem, kind: str, gap: float, side: float = -1.0) 
     def at(off: float) -> PlanningProblem:
         place, still = middle + off * normal, np.zeros(3)
         if kind == "sphere":
-            return replace(problem, obstacles=(Sphere("near", place, RADIUS),))
-        body = ObstacleBody("near", SOLIDS[kind], place, TURNED, still, still)
+            return replace(problem, obstacles=(Obstacle.sphere("near", place, RADIUS),))
+        body = Obstacle("near", SOLIDS[kind], RigidMotion(place, TURNED, still, still))
         return replace(problem, obstacles=(body,))
 
     inside, outside = 0.0, 2.0
@@ -145,9 +145,9 @@ def test_a_start_that_moves_into_a_body_of_any_shape_is_refused_at_once(geometry
         problem = beside(at_rest(geometry), kind, 2e-5)
         (body,) = problem.obstacle_bodies
         q, _ = configuration(problem.robot, problem.start)
-        way = arm(problem.robot, q)[3:5].mean(axis=0) - body.position
+        way = arm(problem.robot, q)[3:5].mean(axis=0) - body.motion.position
         for speed in (0.2, -0.2):
-            moving = replace(body, velocity=speed * way / np.linalg.norm(way))
+            moving = body.with_motion(velocity=speed * way / np.linalg.norm(way))
             asked = replace(problem, obstacles=(moving,))
             if speed < 0.0:
                 require_plannable(asked, SETTINGS)

@@ -14,7 +14,7 @@ from ff_planner_ros.analysis.nearest import nearest
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
@@ -22,13 +22,13 @@ from ff_planner_ros.robot.model import Robot
 ARM = bench_robot("arm6", Geometry.SHAPES)
 
 
-def by_pinocchio(robot: Robot, motion: Trajectory, spheres: tuple[Sphere, ...]) -> float:
+def by_pinocchio(robot: Robot, motion: Trajectory, spheres: tuple[Obstacle, ...]) -> float:
     """The least distance of all pairs at all points, by Pinocchio's own model of geometry."""
     model, count = pinocchio_geometry(robot, spheres), len(robot.bodies)
     data, geometry, least = robot.model.createData(), model.createData(), np.inf
     for time, q in zip(motion.time, from_trajectory(robot, motion)[0], strict=True):
         for k, sphere in enumerate(spheres):
-            center = sphere.center + (time - motion.time[0]) * sphere.velocity
+            center = sphere.center + (time - motion.time[0]) * sphere.motion.velocity
             model.geometryObjects[count + k].placement = pin.SE3(np.eye(3), center)
         pin.updateGeometryPlacements(robot.model, data, model, geometry, q)
         pin.computeDistances(model, geometry)
@@ -36,10 +36,10 @@ def by_pinocchio(robot: Robot, motion: Trajectory, spheres: tuple[Sphere, ...]) 
     return float(least)
 
 
-def spheres_beside(motion: Trajectory, rng: np.random.Generator) -> tuple[Sphere, ...]:
+def spheres_beside(motion: Trajectory, rng: np.random.Generator) -> tuple[Obstacle, ...]:
     ways: Array = motion.ee_positions[::8]
     return tuple(
-        Sphere(f"s{k}", at + 0.4 * rng.normal(size=3), 0.1, 0.02 * rng.normal(size=3))
+        Obstacle.sphere(f"s{k}", at + 0.4 * rng.normal(size=3), 0.1, 0.02 * rng.normal(size=3))
         for k, at in enumerate(ways)
     )
 

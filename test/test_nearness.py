@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from straight_arms import ball, straight_arm
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.robust.nearness import Nearness, nearness
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
@@ -32,39 +32,33 @@ BODIES = straight_arm(
 CASES = pytest.mark.parametrize("robot", [LINES, BODIES], ids=["lines", "bodies"])
 TIMES = np.linspace(0.0, 5.0, 6)
 SPHERES = (
-    Sphere("rock", [1.5, 1.0, 0.2], 0.3),
-    Sphere("debris", [-2.0, 1.0, 0.5], 0.2, [0.8, 0.1, 0.0]),
-    Sphere("mast", [0.3, -1.5, -0.6], 0.1, [0.0, 0.2, 0.0]),
+    Obstacle.sphere("rock", [1.5, 1.0, 0.2], 0.3),
+    Obstacle.sphere("debris", [-2.0, 1.0, 0.5], 0.2, [0.8, 0.1, 0.0]),
+    Obstacle.sphere("mast", [0.3, -1.5, -0.6], 0.1, [0.0, 0.2, 0.0]),
 )
 
 
 # A plate that moves, a cone that turns, a hull that does both, and what is nobody's nearest.
-PLATE = ObstacleBody(
+PLATE = Obstacle(
     "plate",
     Solid("box", np.array([1.5, 2.0, 0.01])),
-    [0.5, 1.2, 0.9],
-    [0.5, 0.5, -0.5, 0.5],
-    [0.1, -0.1, 0.0],
+    RigidMotion([0.5, 1.2, 0.9], [0.5, 0.5, -0.5, 0.5], [0.1, -0.1, 0.0]),
 )
 OTHERS = (
     PLATE,
-    ObstacleBody(
+    Obstacle(
         "cone",
         Solid("cone", np.array([0.3, 0.8])),
-        [-1.2, -0.9, 0.2],
-        [0.0, 0.6, 0.0, 0.8],
-        angular_velocity=[0.3, 0.1, -0.5],
+        RigidMotion([-1.2, -0.9, 0.2], [0.0, 0.6, 0.0, 0.8], angular_velocity=[0.3, 0.1, -0.5]),
     ),
-    ObstacleBody(
+    Obstacle(
         "wedge",
         hull_of_vertices(
             "wedge", np.array([[0.9, 0, 0], [1.7, 0, 0], [0.9, 0.7, 0], [1.0, 0.1, 0.6]], float)
         ),
-        [0.4, -1.9, -0.5],
-        velocity=[0.0, 0.05, 0.1],
-        angular_velocity=[0.0, 0.0, 0.2],
+        RigidMotion([0.4, -1.9, -0.5], velocity=[0.0, 0.05, 0.1], angular_velocity=[0.0, 0.0, 0.2]),
     ),
-    ObstacleBody("moon", Solid("cylinder", np.array([2.0, 3.0])), [40.0, 0.0, 0.0]),
+    Obstacle("moon", Solid("cylinder", np.array([2.0, 3.0])), RigidMotion([40.0, 0.0, 0.0])),
 )
 OBSTACLES = (*SPHERES, *OTHERS)
 BOX = Solid("box", np.array([0.5, 0.5, 0.5]))
@@ -108,16 +102,16 @@ def from_others(robot: Robot, q: Array, time: float) -> Array:
     for solid, at in parts:
         found.append([])
         for one in OTHERS:
-            start = Rotation.from_quat(one.quaternion_xyzw)
-            turned = Rotation.from_rotvec(time * one.angular_velocity) * start
-            place = pin.SE3(turned.as_matrix(), one.position + time * one.velocity)
+            start = Rotation.from_quat(one.motion.quaternion_xyzw)
+            turned = Rotation.from_rotvec(time * one.motion.angular_velocity) * start
+            place = pin.SE3(turned.as_matrix(), one.motion.position + time * one.motion.velocity)
             found[-1].append(coal_distance(solid, at, one.solid.geometry, place))
     return np.array(found)
 
 
 def from_spheres(robot: Robot, q: Array, time: float) -> Array:
     """Of every part from every sphere. Shape (parts, spheres)."""
-    centers = [sphere.center + time * sphere.velocity for sphere in SPHERES]
+    centers = [sphere.center + time * sphere.motion.velocity for sphere in SPHERES]
     if robot.bodies:
         return np.array(
             [
@@ -191,8 +185,8 @@ def test_the_least_of_each_run_is_that_of_all_parts_at_all_times(
 def test_a_turn_about_the_middle_of_a_long_body_brings_its_end_near() -> None:
     """Its middle stays where it is seen, and so does the ball that was nearest before."""
     middle = np.array([1.0, 2.2, 0.0])
-    rod = ObstacleBody("rod", Solid("box", np.array([4.0, 0.02, 0.02])), middle)
-    scene = Scene((Sphere("ball", middle, 0.95), rod))
+    rod = Obstacle("rod", Solid("box", np.array([4.0, 0.02, 0.02])), RigidMotion(middle))
+    scene = Scene((Obstacle.sphere("ball", middle, 0.95), rod))
     q = np.zeros((6, 9))
     q[:, 6] = 1.0
     about = pin.SE3(np.eye(3), middle)
@@ -301,12 +295,12 @@ def test_an_allowed_contact_counts_until_the_tool_stays_at_the_goal() -> None:
 @pytest.mark.parametrize(
     "held",
     [
-        Sphere("rock", [2.3, 0.0, 0.0], 0.25, [0.1, 0.0, 0.0]),
-        ObstacleBody("rock", BOX, [2.3, 0.0, 0.0], velocity=[0.1, 0.0, 0.0]),
+        Obstacle.sphere("rock", [2.3, 0.0, 0.0], 0.25, [0.1, 0.0, 0.0]),
+        Obstacle("rock", BOX, RigidMotion([2.3, 0.0, 0.0], velocity=[0.1, 0.0, 0.0])),
     ],
 )
 def test_an_allowed_contact_of_the_start_counts_once_the_tool_was_away(
-    held: Sphere | ObstacleBody,
+    held: Obstacle | Obstacle,
 ) -> None:
     """The tip touches what drifts along x, is 0.3 m back at the fourth time, and comes again."""
     q = np.zeros((6, 9))

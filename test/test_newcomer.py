@@ -99,10 +99,13 @@ def arguments() -> dict[str, dict[str, Any]]:
             "grasp_position": [-1.0, 0.0, 0.0],
             "grasp_quaternion_xyzw": NO_TURN,
         },
-        "SphereObstacle": {"id": "a", "center": [2.0, 0.0, 0.0], "radius": 0.1},
-        "AttachedSphere": {"id": "a", "center": [2.0, 0.0, 0.0], "radius": 0.1},
-        "ObstacleBody": {"id": "a", "shape": ff.Solid("box", [1, 2, 3]), "position": NOTHING},
-        "AttachedBody": {"id": "a", "shape": ff.Solid("box", [1, 2, 3]), "position": NOTHING},
+        "Obstacle": {
+            "id": "a",
+            "shape": ff.Solid("sphere", [0.1]),
+            "motion": ff.RigidMotion([2.0, 0.0, 0.0]),
+        },
+        "RigidMotion": {"position": NOTHING},
+        "AttachedObstacle": {"id": "a", "shape": ff.Solid("box", [1, 2, 3]), "position": NOTHING},
         "Solid": {"kind": "box", "sizes": [1.0, 2.0, 3.0]},
         "Objective": {"joint_path_length": 1.0, "chaser_attitude": 0.0},
         "Limits": {},
@@ -351,7 +354,7 @@ MADE: dict[str, Callable[[], Any]] = {
     "a payload": lambda: problem("lemur_payload"),
     "a posture": lambda: problem("stow"),
     "a name of two lines": lambda: replace(
-        problem(), obstacles=[called("SphereObstacle", id="one\ntwo")]
+        problem(), obstacles=[called("Obstacle", id="one\ntwo")]
     ),
     "a task": task,
     "a task of phases": lambda: task("whole_capture"),
@@ -392,7 +395,10 @@ def test_the_line_has_the_main_facts() -> None:
     assert motion in repr(plan())
     length = plan().metrics.joint_path_length
     assert f"Metrics(joint_path_length={length:.6g}, " in repr(plan())
-    assert repr(called("SphereObstacle")) == "Sphere(id='a', center=[2, 0, 0], radius=0.1)"
+    assert repr(called("Obstacle")) == (
+        "Obstacle(id='a', shape=Solid(kind='sphere', sizes=[0.1]), "
+        "motion=RigidMotion(position=[2, 0, 0]))"
+    )
 
 
 # ---- what is kept

@@ -18,7 +18,7 @@ from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.planning.scenario.library_file import LIBRARY, load_library, save_library
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.library import StoredPlan, kind_and_place
@@ -50,7 +50,9 @@ def test_a_node_plans_from_its_library_and_the_bag_replays_without_it(
     library = tmp_path / "library"
     stored = write_library(library)
     near = moved(resting_capture(), 0.01)
-    walled = Sphere("wall", near.target.position, 0.3)  # of another number of obstacles: not near
+    walled = Obstacle.sphere(
+        "wall", near.target.position, 0.3
+    )  # of another number of obstacles: not near
     asked = [near, near, replace(near, obstacles=(*near.obstacles, walled)), moved(near, 9.0)]
     used = ("-p", f"planner.library:={library / LIBRARY}", "-p", "allow_remote_paths:=true")
     starts = ("-p", "planning_lead_time:=60.0", "-p", "autostart:=false")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import Obstacle
+from ff_planner_msgs.msg import Obstacle as ObstacleMessage
 from ff_planner_msgs.msg import Scene as SceneMessage
 from geometry_msgs.msg import Point
 from heard_inputs import HeardScenes
@@ -23,9 +23,8 @@ from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.messages import obstacles as obstacles_module
 from ff_planner_ros.messages.obstacles import PRIMITIVES, obstacles_of
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.ros.messages.from_messages import (
     scene_from_message,
@@ -91,12 +90,12 @@ def test_a_capsules_number_stands_in_the_message() -> None:
 
 
 def test_a_round_body_is_a_sphere() -> None:
-    message = Obstacle(id="ball")
+    message = ObstacleMessage(id="ball")
     message.primitive = [SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[0.25])]
     message.pose.position.y, message.twist.linear.z = 2.0, 0.1
     (ball,) = obstacles_of(SceneMessage(bodies=[message]), "scene")
-    assert isinstance(ball, Sphere)
-    assert (ball.id, ball.radius, *ball.center, *ball.velocity) == (
+    assert ball.is_sphere
+    assert (ball.id, ball.radius, *ball.center, *ball.motion.velocity) == (
         *("ball", 0.25, 0.0, 2.0),
         *(0.0, 0.0, 0.0, 0.1),
     )
@@ -105,10 +104,10 @@ def test_a_round_body_is_a_sphere() -> None:
 def test_bodies_fixed_to_a_target_move_and_turn_with_it(capture: PlanningProblem) -> None:
     body = target_body_from_message(target_body_message(body_of(capture), STAMP, FRAME), FRAME)
     (fixed,) = [one for one in body.obstacles if one.id == "fixed_cone"]
-    assert isinstance(fixed, AttachedBody)
+    assert not fixed.is_sphere
     (found,) = [one for one in capture.obstacle_bodies if one.id == "fixed_cone"]
     times = np.array([0.0, 3.0])
-    rotations, positions = found.poses(times)
+    rotations, positions = found.motion.poses(times)
     turned = Rotation.from_matrix(body.motion(np.zeros(3), times).rotations)
     assert positions == pytest.approx(body.places(fixed.position[None], times)[:, 0])
     wanted = turned * Rotation.from_quat(fixed.quaternion_xyzw.copy())
@@ -129,68 +128,70 @@ def _mesh(points: Any = TETRAHEDRON, faces: Any = FACES) -> Mesh:
 @pytest.mark.parametrize("faces", [FACES, []])
 def test_a_mesh_counts_by_its_hull(faces: Any) -> None:
     points = [*TETRAHEDRON, (0.1, 0.1, 0.1)]
-    (body,) = obstacles_of(SceneMessage(bodies=[Obstacle(mesh=[_mesh(points, faces)])]), "scene")
-    assert isinstance(body, ObstacleBody)
+    (body,) = obstacles_of(
+        SceneMessage(bodies=[ObstacleMessage(mesh=[_mesh(points, faces)])]), "scene"
+    )
+    assert not body.is_sphere
     assert sorted(map(tuple, body.solid.corners.tolist())) == sorted(TETRAHEDRON)
 
 
-def _spoil_dimensions(body: Obstacle) -> None:
+def _spoil_dimensions(body: ObstacleMessage) -> None:
     body.primitive[0].dimensions = [0.1]
 
 
-def _spoil_size(body: Obstacle) -> None:
+def _spoil_size(body: ObstacleMessage) -> None:
     body.primitive[0].dimensions = [0.1, -0.2, 0.3]
 
 
-def _spoil_finite(body: Obstacle) -> None:
+def _spoil_finite(body: ObstacleMessage) -> None:
     body.primitive[0].dimensions = [0.1, float("nan"), 0.3]
 
 
-def _prism(body: Obstacle) -> None:
+def _prism(body: ObstacleMessage) -> None:
     body.primitive[0].type = SolidPrimitive.PRISM
 
 
-def _of_no_kind(body: Obstacle) -> None:
+def _of_no_kind(body: ObstacleMessage) -> None:
     body.primitive[0].type = 77
 
 
-def _neither(body: Obstacle) -> None:
+def _neither(body: ObstacleMessage) -> None:
     body.primitive = []
 
 
-def _both(body: Obstacle) -> None:
+def _both(body: ObstacleMessage) -> None:
     body.mesh = [_mesh()]
 
 
-def _flat(body: Obstacle) -> None:
+def _flat(body: ObstacleMessage) -> None:
     body.primitive, body.mesh = [], [_mesh(TETRAHEDRON[:3], [])]
 
 
-def _no_vertex(body: Obstacle) -> None:
+def _no_vertex(body: ObstacleMessage) -> None:
     body.primitive, body.mesh = [], [_mesh(faces=[(0, 1, 4)])]
 
 
-def _mesh_not_finite(body: Obstacle) -> None:
+def _mesh_not_finite(body: ObstacleMessage) -> None:
     body.primitive, body.mesh = [], [_mesh([*TETRAHEDRON, (0.0, float("inf"), 0.0)], [])]
 
 
-def _unturned(body: Obstacle) -> None:
+def _unturned(body: ObstacleMessage) -> None:
     body.pose.orientation.w = 0.5
 
 
-def _position(body: Obstacle) -> None:
+def _position(body: ObstacleMessage) -> None:
     body.pose.position.x = float("nan")
 
 
-def _id(body: Obstacle) -> None:
+def _id(body: ObstacleMessage) -> None:
     body.id = "c0"
 
 
-def _many(body: Obstacle) -> None:
+def _many(body: ObstacleMessage) -> None:
     body.primitive, body.mesh = [], [_mesh([*TETRAHEDRON, *TETRAHEDRON])]
 
 
-SPOILT: dict[Callable[[Obstacle], None], tuple[Status, str, str]] = {
+SPOILT: dict[Callable[[ObstacleMessage], None], tuple[Status, str, str]] = {
     _spoil_dimensions: (Status.WRONG_SIZE, "primitive.dimensions", "a box has 3: x, y, z"),
     _spoil_size: (Status.OUT_OF_RANGE, "primitive.dimensions", "from 1e-06 to 10000 m"),
     _spoil_finite: (Status.NOT_FINITE, "primitive.dimensions", ""),
@@ -211,10 +212,10 @@ SPOILT: dict[Callable[[Obstacle], None], tuple[Status, str, str]] = {
 @pytest.mark.parametrize("spoil", SPOILT)
 @pytest.mark.parametrize("where", ["topic", "request"])
 def test_a_bad_body_is_told_by_its_field(
-    where: str, spoil: Callable[[Obstacle], None], monkeypatch: pytest.MonkeyPatch
+    where: str, spoil: Callable[[ObstacleMessage], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(obstacles_module, "MAX_MESH_VERTICES", 7)
-    good, bad = (Obstacle(id=f"c{number}") for number in range(2))
+    good, bad = (ObstacleMessage(id=f"c{number}") for number in range(2))
     for one in (good, bad):
         one.primitive = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.1, 0.2, 0.3])]
     spoil(bad)
@@ -241,31 +242,31 @@ def test_what_is_fixed_to_a_body_must_not_move_in_it(capture: PlanningProblem) -
 
 def test_what_moves_is_carried_from_the_scenes_stamp_to_the_plans_start() -> None:
     moving, ball = (
-        ObstacleBody(
+        Obstacle(
             "panel",
             SOLIDS["box"],
-            FAR,
-            velocity=np.array([0.1, 0.0, 0.0]),
-            angular_velocity=np.array([0.0, 0.0, 0.2]),
+            RigidMotion(
+                FAR, velocity=np.array([0.1, 0.0, 0.0]), angular_velocity=np.array([0.0, 0.0, 0.2])
+            ),
         ),
-        Sphere("ball", FAR, 0.1, np.array([0.0, 0.3, 0.0])),
+        Obstacle.sphere("ball", FAR, 0.1, np.array([0.0, 0.3, 0.0])),
     )
     scenes = HeardScenes()
     scenes.hear(scene_message((moving, ball), STAMP, FRAME))
     scene = scenes.moving_scene(None, STAMP + SECOND, 0.1, 5.0)
     seen, there = scene.obstacles_at(STAMP + 3 * SECOND)
-    assert isinstance(seen, Sphere)
-    assert isinstance(there, ObstacleBody)
+    assert seen.is_sphere
+    assert not there.is_sphere
     assert seen.center == pytest.approx(FAR + np.array([0.0, 0.9, 0.0]))
-    assert there.position == pytest.approx(FAR + np.array([0.3, 0.0, 0.0]))
-    turned = Rotation.from_quat(there.quaternion_xyzw.copy()).as_rotvec()
+    assert there.motion.position == pytest.approx(FAR + np.array([0.3, 0.0, 0.0]))
+    turned = Rotation.from_quat(there.motion.quaternion_xyzw.copy()).as_rotvec()
     assert turned == pytest.approx([0.0, 0.0, 0.6])
 
 
 def test_a_problem_has_its_obstacles_in_the_order_of_messages(capture: PlanningProblem) -> None:
-    kinds = [isinstance(one, Sphere) for one in capture.obstacles]
+    kinds = [one.is_sphere for one in capture.obstacles]
     assert kinds == sorted(kinds, reverse=True)
     again = replace(capture, obstacles=capture.obstacles[::-1])
     assert {one.id for one in again.obstacles} == {one.id for one in capture.obstacles}
-    assert all(isinstance(one, Sphere) for one in again.obstacles[: len(capture.spheres)])
+    assert all(one.is_sphere for one in again.obstacles[: len(capture.spheres)])
     assert among_bodies(tumbling.problem("tumbling", 0)).obstacles[-1].id == "mesh"

@@ -35,7 +35,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
 )
 from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
-from ff_planner_ros.planning.problem.problem import ObstacleBody
+from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion
 from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -47,8 +47,8 @@ KINDS = ("box", "cylinder", "capsule", "cone", "mesh")
 FAR = 1e3  # [m] all of it is of interest
 
 
-def pose_of(one: ObstacleBody, time: float) -> pin.SE3:
-    rotations, positions = one.poses(np.array([time]))
+def pose_of(one: Obstacle, time: float) -> pin.SE3:
+    rotations, positions = one.motion.poses(np.array([time]))
     return pin.SE3(rotations[0], positions[0])
 
 
@@ -56,7 +56,7 @@ def core_rows(
     robot: Robot,
     q: Array,
     times: Array,
-    obstacles: tuple[ObstacleBody, ...],
+    obstacles: tuple[Obstacle, ...],
     interest: float,
     lasting: bool = False,
 ) -> CoreRows:
@@ -94,11 +94,10 @@ def test_random_solids_are_as_far_apart_as_coal_says(
             bodies.append(Body(str(number), "bus", 1, solid.geometry, place, center, solid.radius))
         robot = replace(arm, bodies=tuple(bodies), pairs=())
         obstacles = tuple(
-            ObstacleBody(
+            Obstacle(
                 str(number),
                 random_solid(rng, kind),
-                rng.normal(0.0, 0.6, 3),
-                Rotation.random(random_state=rng).as_quat(),
+                RigidMotion(rng.normal(0.0, 0.6, 3), Rotation.random(random_state=rng).as_quat()),
             )
             for number in range(5)
         )
@@ -148,7 +147,7 @@ def test_solids_that_touch_or_are_deep_in_each_other_have_their_depths() -> None
     q = configurations(robot, 1, 1)
     q[0, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
     for solid, place, turn, truth in cases:
-        one = (ObstacleBody("one", solid, place, turn),)
+        one = (Obstacle("one", solid, RigidMotion(place, turn)),)
         rows = every_row(1, 1, 1)
         poses = seen_from_chaser(q, np.zeros(1), one)
         found = obstacle_distances(robot, placed_bodies(robot, q[:, 7:]), poses, one, rows)
@@ -160,7 +159,7 @@ def test_solids_that_touch_or_are_deep_in_each_other_have_their_depths() -> None
 def approach_speeds(
     q: Array,
     times: Array,
-    obstacles: Sequence[ObstacleBody],
+    obstacles: Sequence[Obstacle],
     found: Distances,
     rows: tuple[Indices, ...],
 ) -> Array:
@@ -173,7 +172,7 @@ def approach_speeds(
     for number in np.unique(which).tolist():
         of = np.flatnonzero(which == number)
         at, one = times[configurations[of]], obstacles[number]
-        twists, (_, origins) = one.twists(at), one.poses(at)
+        twists, (_, origins) = one.motion.twists(at), one.motion.poses(at)
         moving = twists[:, :3] + np.cross(twists[:, 3:], points[of] - origins)
         speeds[of] = np.einsum("ri,ri->r", normals[of], moving)
     return speeds
@@ -242,7 +241,7 @@ class Certified(NamedTuple):
 
     robot: Robot
     motion: FollowedMotion
-    obstacles: tuple[ObstacleBody, ...]
+    obstacles: tuple[Obstacle, ...]
     each: list[Least]
     dense: Array
 
@@ -302,10 +301,12 @@ def test_the_certificate_holds_between_the_points_and_the_search_finds_the_same(
 def test_no_point_of_an_obstacle_is_faster_than_its_highest_speed(seed: int) -> None:
     rng, times = np.random.default_rng(seed), np.linspace(0.0, 30.0, 3001)
     panel = Solid("box", np.array([4.0, 2.0, 0.005]))
-    turning = ObstacleBody("panel", panel, np.zeros(3), angular_velocity=rng.normal(0.0, 0.3, 3))
+    turning = Obstacle(
+        "panel", panel, RigidMotion(np.zeros(3), angular_velocity=rng.normal(0.0, 0.3, 3))
+    )
     for one in (turning, *random_obstacles(rng, np.zeros(3), 12)):
         solid = one.solid
-        rotations, positions = one.poses(times)
+        rotations, positions = one.motion.poses(times)
         reach = 0.0
         for _ in range(20):
             way = rng.normal(size=3)
@@ -340,7 +341,7 @@ def test_what_flies_past_is_near_in_the_middle_of_its_way(turning: float) -> Non
     q = np.repeat(configurations(robot, 1, 5), len(times), axis=0)
     ahead, rate = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, turning])
     begin, turn = q[0, :3] - 10.0 * ahead, np.array([0.0, 0.0, 0.0, 1.0])
-    cube = ObstacleBody("cube", Solid("box", np.full(3, 0.8)), begin, turn, ahead, rate)
+    cube = Obstacle("cube", Solid("box", np.full(3, 0.8)), RigidMotion(begin, turn, ahead, rate))
     everything, _, names, *_ = core_rows(robot, q, times, (cube,), FAR)
     near = core_rows(robot, q, times, (cube,), 0.3).names
     at = near // len(robot.bodies)
@@ -356,13 +357,13 @@ def test_how_deep_something_is_changes_with_time_as_it_moves_and_turns(seed: int
     moving, turning = rng.normal(0.0, 0.1, 3), rng.normal(0.0, 0.05, 3)
     place, turn = np.zeros(3), Rotation.random(random_state=rng)
     solid = Solid("box", np.array([9.0, 8.0, 7.0]))
-    wall = ObstacleBody("wall", solid, place, turn.as_quat(), moving, turning)
+    wall = Obstacle("wall", solid, RigidMotion(place, turn.as_quat(), moving, turning))
     motion = motion_of(np.tile(POSTURE, (POINTS, 1)), np.zeros((POINTS, 6)))
 
     def rows_after(time: float) -> CoreRows:
-        rotations, positions = wall.poses(np.array([time]))
+        rotations, positions = wall.motion.poses(np.array([time]))
         attitude = pin.Quaternion(rotations[0]).coeffs()
-        later = replace(wall, position=positions[0], quaternion_xyzw=attitude)
+        later = wall.with_motion(position=positions[0], quaternion_xyzw=attitude)
         asked = ObstacleClearance().in_core(replace(problem, obstacles=(later,)), POINTS, 0.0)
         return rows_of_motion(problem.robot, asked, motion, lasting=True)
 

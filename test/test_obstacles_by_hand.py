@@ -17,7 +17,7 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.distance.contact import deepest_contact, tool_contact
 from ff_planner_ros.planning.motion.motion import from_trajectory
-from ff_planner_ros.planning.problem.problem import ObstacleBody
+from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems import bodies
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
@@ -39,7 +39,7 @@ every_shape = pytest.mark.parametrize("kind", SOLIDS)
 as_they_come = pytest.mark.parametrize("motion", MOTIONS)
 
 
-def in_the_way(found: Made, furthest: int, kind: str, motion: str, beyond: float) -> ObstacleBody:
+def in_the_way(found: Made, furthest: int, kind: str, motion: str, beyond: float) -> Obstacle:
     """A solid that is so far from the end effector when the arm is furthest aside [m]."""
     time, q = found.time[furthest], found.q[furthest]
     there = arm(found.problem.robot, q)[-1]
@@ -65,7 +65,9 @@ def in_the_way(found: Made, furthest: int, kind: str, motion: str, beyond: float
     rate = 0.3 * aside * (motion == "turning")
     begin = pin.exp3(-time * rate) @ turn
     place = there + far * aside - time * velocity
-    return ObstacleBody("panel", solid, place, pin.Quaternion(begin).coeffs(), velocity, rate)
+    return Obstacle(
+        "panel", solid, RigidMotion(place, pin.Quaternion(begin).coeffs(), velocity, rate)
+    )
 
 
 @pytest.mark.sampled
@@ -99,11 +101,11 @@ def test_a_body_in_an_obstacle_is_refused_wherever_and_however_it_comes(
 def test_lines_are_kept_clear_of_shapes_too() -> None:
     found, furthest = reaching_out(next(iter(PLACES)), False)
     tip = arm(found.problem.robot, found.q[furthest])[-1]
-    panel = ObstacleBody("panel", SOLIDS["box"], tip)
+    panel = Obstacle("panel", SOLIDS["box"], RigidMotion(tip))
     asked = replace(found, problem=replace(found.problem, obstacles=(panel,)))
     the_one(asked.judged(), Status.COLLISION, " inside obstacle panel")
     assert asked.measured().min_clearance_pair.endswith("/panel")
-    away = replace(panel, position=tip + 50.0)
+    away = panel.with_motion(position=tip + 50.0)
     kept = replace(found, problem=replace(found.problem, obstacles=(away,)))
     assert not kept.judged()
 
@@ -113,7 +115,7 @@ def test_a_start_in_an_obstacle_is_refused_by_name_and_depth() -> None:
     q = found.q[0]
     body, place = found.problem.robot.bodies[-1], body_placements(found.problem.robot, q)[-1]
     ball = Solid("cone", np.array([0.3, 0.3]))
-    panel = ObstacleBody("panel", ball, place.translation)
+    panel = Obstacle("panel", ball, RigidMotion(place.translation))
     refused = refusal_of(
         replace(found.problem, obstacles=(FAR[0], panel)), Status.START_IN_COLLISION
     )
@@ -126,7 +128,7 @@ def test_a_start_in_an_obstacle_is_refused_by_name_and_depth() -> None:
 def test_a_goal_whose_tool_is_in_an_obstacle_is_refused_unless_it_is_what_is_grasped() -> None:
     problem = bodies.problem("arm6", 0).problem
     goal = problem.target.position
-    wall = ObstacleBody("wall", Solid("box", np.full(3, 0.1)), goal)
+    wall = Obstacle("wall", Solid("box", np.full(3, 0.1)), RigidMotion(goal))
     walled = replace(problem, obstacles=(*problem.obstacles, wall))
     contact = tool_contact(walled)
     assert contact is not None
@@ -145,7 +147,7 @@ def test_what_is_grasped_may_be_touched_near_the_goal_and_nowhere_else() -> None
     problem = bodies.problem("arm6", 0).problem
     robot, target = problem.robot, problem.target
     tool = [body for body in robot.bodies if body.joint == robot.joints + 1]
-    wall = ObstacleBody("wall", Solid("box", np.full(3, 0.04)), target.position)
+    wall = Obstacle("wall", Solid("box", np.full(3, 0.04)), RigidMotion(target.position))
     named = tuple(f"{body.link}/wall" for body in tool)
     found = plan(
         replace(problem, obstacles=(*problem.obstacles, wall), allowed_collisions=named), SETTINGS
@@ -153,7 +155,7 @@ def test_what_is_grasped_may_be_touched_near_the_goal_and_nowhere_else() -> None
     assert found.metrics.min_clearance >= 0.0
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
-    at = pin.SE3(np.eye(3), wall.position)
+    at = pin.SE3(np.eye(3), wall.motion.position)
     depths = [
         coal_distance(body.solid, last_joint * body.placement_in_joint, wall.solid.geometry, at)
         for body in tool
@@ -166,7 +168,7 @@ def test_what_is_grasped_may_be_touched_near_the_goal_and_nowhere_else() -> None
     assert touched.second == "wall"
     may = replace(problem, obstacles=(wall,), allowed_collisions=named)
     assert deepest_contact(may, at_goal, problem.duration) is None
-    away = replace(wall, position=body_placements(robot, q)[-1].translation)
+    away = wall.with_motion(position=body_placements(robot, q)[-1].translation)
     # From another start: what touches at the start is let go of there.
     begin = replace(problem.start, joint_positions=problem.start.joint_positions + 0.5)
     elsewhere = deepest_contact(replace(may, obstacles=(away,), start=begin), q)
@@ -176,7 +178,9 @@ def test_what_is_grasped_may_be_touched_near_the_goal_and_nowhere_else() -> None
 def test_a_body_that_turns_further_than_anybody_can_foretell_is_refused_by_name() -> None:
     problem = bodies.problem("arm6", 0).problem
     rate = 999.0 / problem.duration
-    panel = ObstacleBody("panel", SOLIDS["box"], np.full(3, 50.0), angular_velocity=[0, 0, rate])
+    panel = Obstacle(
+        "panel", SOLIDS["box"], RigidMotion(np.full(3, 50.0), angular_velocity=[0, 0, rate])
+    )
     replace(problem, obstacles=(panel,))
     with pytest.raises(InvalidInput, match=r"obstacles\[panel\].angular_velocity is .*too far"):
-        replace(problem, obstacles=(replace(panel, angular_velocity=[0, 1.01 * rate, 0]),))
+        replace(problem, obstacles=(panel.with_motion(angular_velocity=[0, 1.01 * rate, 0]),))

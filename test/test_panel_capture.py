@@ -94,7 +94,7 @@ def test_nothing_else_is_touched_says_coal(problem: PlanningProblem, plan: Plan)
     robot, motion = problem.robot, plan.trajectory
     q, _ = from_trajectory(robot, motion)
     data, least = robot.model.createData(), {}
-    poses = [one.poses(motion.time) for one in problem.obstacle_bodies]
+    poses = [one.motion.poses(motion.time) for one in problem.obstacle_bodies]
     for row, configuration in enumerate(q):
         pin.forwardKinematics(robot.model, data, configuration)
         for body in robot.bodies:

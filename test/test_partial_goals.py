@@ -21,9 +21,9 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.steered import steered
 from ff_planner_ros.planning.problem.problem import (
     Objective,
+    Obstacle,
     Orientation,
     PlanningProblem,
-    Sphere,
     Target,
 )
 from ff_planner_ros.planning.problem.target import conditions_of
@@ -422,7 +422,7 @@ def test_an_arm_whose_axes_lie_anyhow_meets_every_condition_at_once(joints: int)
 def test_on_the_table_a_plan_reaches_position_and_heading(
     planar: PlanningProblem, orientation: Orientation
 ) -> None:
-    obstacles = (Sphere("post", [1.30, 0.12, 0.0], 0.06),)
+    obstacles = (Obstacle.sphere("post", [1.30, 0.12, 0.0], 0.06),)
     problem = replace(targeted(planar, orientation=orientation), obstacles=obstacles)
     found = planned(problem)
     np.testing.assert_allclose(

@@ -36,14 +36,13 @@ from ff_planner_ros.planning.problem.problem import (
     Approach,
     DurationRange,
     Limits,
+    Obstacle,
     Parametrisation,
     Posture,
-    Sphere,
     Target,
     lasting,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.problem.target_body import AttachedBody
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.captured import captured_in
@@ -166,7 +165,7 @@ def test_its_shapes_are_where_they_were_on_the_body(task: PlanningTask, plan: Pl
     axes = pin.Quaternion(motion.ee_quaternions_xyzw[-1]).toRotationMatrix()
     tip = pin.SE3(axes, motion.ee_positions[-1])
     for held, fixed in zip(held_body(body, robot).shapes, body.obstacles, strict=True):
-        assert isinstance(fixed, AttachedBody)
+        assert not fixed.is_sphere
         for point in (np.zeros(3), np.array([0.3, 0.5, -0.7])):
             turns = [
                 pin.Quaternion(one.quaternion_xyzw).toRotationMatrix() for one in (held, fixed)
@@ -178,7 +177,7 @@ def test_its_shapes_are_where_they_were_on_the_body(task: PlanningTask, plan: Pl
 
 
 def test_what_moves_goes_on_until_the_next_phase(task: PlanningTask, plan: Plan) -> None:
-    passing = Sphere("passing", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.1, 0.2, 0.0]))
+    passing = Obstacle.sphere("passing", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.1, 0.2, 0.0]))
     problem = replace(task.problem, obstacles=(*task.problem.obstacles, passing))
     after = following(replace(task, problem=problem), plan.phases[0]).problem
     (seen,) = after.spheres
@@ -521,7 +520,7 @@ OTHERWISE: dict[str, Any] = {
 }
 # What a phase may leave out that the one before has.
 INHERITED = ("objective", "limits", "points", "parametrisation")
-PASSING = Sphere("passing", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.1, 0.2, 0.0]))
+PASSING = Obstacle.sphere("passing", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.1, 0.2, 0.0]))
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,8 @@ from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Objective,
+    Obstacle,
     Parametrisation,
-    Sphere,
 )
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search import guided_search, multi_start, planner
@@ -81,7 +81,8 @@ def turned(problem, rotation, shift):
             quaternion_xyzw=orientation(target.quaternion_xyzw),
         ),
         obstacles=tuple(
-            replace(sphere, center=rotation @ sphere.center + shift) for sphere in problem.obstacles
+            sphere.with_motion(position=rotation @ sphere.center + shift)
+            for sphere in problem.obstacles
         ),
     )
 
@@ -165,7 +166,7 @@ def test_a_turned_inertial_frame_is_planned_too(capture, settings):
 
 
 def test_a_start_inside_an_obstacle_is_refused_by_obstacle_and_link(capture, settings):
-    blocked = Sphere("debris", np.array([0.25, 0.1, 0.6]), 0.2)
+    blocked = Obstacle.sphere("debris", np.array([0.25, 0.1, 0.6]), 0.2)
     with pytest.raises(InvalidInput, match=r"obstacles\[debris\].*joint_1") as refusal:
         plan(replace(capture, obstacles=(blocked,)), settings)
     assert refusal.value.status is Status.START_IN_COLLISION
@@ -442,7 +443,9 @@ def test_the_drift_counts_for_the_reach(capture, settings):
 
 
 def test_a_goal_inside_an_obstacle_is_refused_by_obstacle(capture, settings):
-    around_goal = Sphere("clamp", capture.target.position + np.array([0.0, 0.0, 0.05]), 0.1)
+    around_goal = Obstacle.sphere(
+        "clamp", capture.target.position + np.array([0.0, 0.0, 0.05]), 0.1
+    )
     with pytest.raises(NoPlanFound, match="inside obstacle clamp") as refusal:
         plan(replace(capture, obstacles=(around_goal,)), settings)
     assert refusal.value.status is Status.COLLISION
@@ -451,7 +454,7 @@ def test_a_goal_inside_an_obstacle_is_refused_by_obstacle(capture, settings):
 @pytest.mark.law("PLAN-28")
 def test_a_goal_behind_a_wall_is_refused_with_the_collision_and_the_attempt(capture, settings):
     wall = tuple(
-        Sphere(f"wall_{y}_{z}", np.array([1.25, y, z]), 0.3)
+        Obstacle.sphere(f"wall_{y}_{z}", np.array([1.25, y, z]), 0.3)
         for y in np.arange(-2.0, 3.0, 0.4)
         for z in np.arange(-2.0, 3.0, 0.4)
         if np.linalg.norm([1.25 - 0.8, y - 0.4, z - 0.6]) > 0.31

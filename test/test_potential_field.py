@@ -18,7 +18,7 @@ from ff_planner_ros.baselines.potential_field import (
 from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Objective, Obstacle, PlanningProblem, Target
 from ff_planner_ros.robot.configuration import configuration
 
 FILE = CONFIG / "baselines.yaml"
@@ -73,7 +73,7 @@ def spheres_near(robot, q, rng):
     spheres = []
     while len(spheres) < 4:
         center = points[rng.integers(len(points))] + rng.normal(scale=0.3, size=3)
-        sphere = Sphere(f"s{len(spheres)}", center, 0.05)
+        sphere = Obstacle.sphere(f"s{len(spheres)}", center, 0.05)
         if nearest(points, center) > 0.1:
             spheres.append(sphere)
     return spheres
@@ -121,7 +121,7 @@ def test_nearer_than_the_smallest_distance_the_repulsion_grows_no_more(lemur_cap
     by_twist = motion_by_twist(robot, q)
 
     def strength(gap):
-        sphere = Sphere("s", tip + np.array([0.3 + gap, 0.0, -0.001]), 0.3)
+        sphere = Obstacle.sphere("s", tip + np.array([0.3 + gap, 0.0, -0.001]), 0.3)
         force, _ = repulsion(replace(lemur_capture, obstacles=(sphere,)), FIELD, 0.0, q, by_twist)
         return np.linalg.norm(force[:3])
 

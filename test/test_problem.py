@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Objective, Obstacle, PlanningProblem, Target
 
 TARGET: dict[str, Any] = {
     "position": [1.0, 2.0, 3.0],
@@ -76,13 +76,13 @@ def test_a_sphere_that_is_none_is_refused_by_its_id(
     center: list[float], radius: float, status: Status, field: str
 ) -> None:
     with pytest.raises(InvalidInput) as refusal:
-        Sphere("mast", center, radius)
+        Obstacle.sphere("mast", center, radius)
     assert (refusal.value.status, refusal.value.field) == (status, field)
 
 
 def test_a_sphere_cannot_be_written_to() -> None:
     with pytest.raises(ValueError, match="read-only"):
-        Sphere("mast", np.zeros(3), 1.0).center[0] = 1.0
+        Obstacle.sphere("mast", np.zeros(3), 1.0).center[0] = 1.0
 
 
 @pytest.mark.parametrize(("length", "attitude"), [(1.0, 0.0), (0.0, 1.0), (0.3, 7.0)])

@@ -23,8 +23,8 @@ from ff_planner_ros.planning.paths.path_family import Motion
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
+    Obstacle,
     PlanningProblem,
-    Sphere,
     Target,
 )
 from ff_planner_ros.planning.requirements import REQUIREMENTS
@@ -56,7 +56,8 @@ def case(request: pytest.FixtureRequest) -> Case:
     path = random_path(robot, start, rng, DURATION)
     arm = arm_points(robot, q[None])[0]
     spheres = [
-        Sphere(f"near joint {k}", arm[k] + rng.normal(scale=0.2, size=3), 0.1) for k in (0, 3, -1)
+        Obstacle.sphere(f"near joint {k}", arm[k] + rng.normal(scale=0.2, size=3), 0.1)
+        for k in (0, 3, -1)
     ]
     momentum = total_momentum(robot, robot.model.createData(), q, v)
     objective = Objective(joint_path_length=0.7, chaser_attitude=1.3)
@@ -66,7 +67,7 @@ def case(request: pytest.FixtureRequest) -> Case:
         target=Target(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
         duration=DURATION,
         points=POINTS,
-        obstacles=(*spheres, Sphere("far", arm[0] + 100.0, 0.1)),
+        obstacles=(*spheres, Obstacle.sphere("far", arm[0] + 100.0, 0.1)),
         objective=objective,
     )
     family = EndEffectorPaths(robot, q, momentum, path)

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 import ff_planner_ros
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 
 
 def test_every_public_name_is_the_one_that_its_module_has() -> None:
-    assert ff_planner_ros.SphereObstacle is Sphere
+    assert ff_planner_ros.Obstacle is Obstacle
     for name in ff_planner_ros.__all__:
         found = getattr(ff_planner_ros, name)
         assert found.__name__ == ff_planner_ros._NAME_THERE.get(name, name)

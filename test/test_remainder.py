@@ -13,7 +13,7 @@ from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search import warm_start
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -95,7 +95,7 @@ def test_what_does_not_keep_everything_any_more_is_no_answer(
     later = replace(task, problem=replace(task.problem, duration=task.problem.duration + 0.5))
     astray = continuing(problem, motion, SINCE, off(truth, np.zeros(7), 1e-3))
     place = without_time(task).trajectory.ee_positions[25]
-    among = (*problem.obstacles, Sphere("new", place, 0.02))
+    among = (*problem.obstacles, Obstacle.sphere("new", place, 0.02))
     blocked = replace(task, problem=replace(task.problem, obstacles=among))
     for other in (moved, later, astray, blocked):
         assert refusal_of(other).status is Status.TIMED_OUT

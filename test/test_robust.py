@@ -21,9 +21,9 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import (
     Limits,
+    Obstacle,
     Parametrisation,
     PlanningProblem,
-    Sphere,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS
@@ -246,7 +246,7 @@ def test_what_comes_after_the_goal_keeps_its_deviations_or_is_refused() -> None:
     task = replace(task_of("lemur_capture"), end_behaviour=EndBehaviour.STOP_JOINTS, tail=20.0)
     ends = perform(asking(task, 0.0)).trajectory.ee_positions[-2:]
     ahead = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    beyond = Sphere("beyond", ends[1] + 0.053 * ahead, 0.05)
+    beyond = Obstacle.sphere("beyond", ends[1] + 0.053 * ahead, 0.05)
     problem = replace(task.problem, obstacles=(beyond,))
     task = replace(task, problem=problem)
     assert perform(asking(task, 0.0)).metrics.min_clearance > 0.0

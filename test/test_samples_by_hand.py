@@ -26,7 +26,7 @@ from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, METRICS
 from ff_planner_ros.planning.motion.motion import chaser_motion, from_trajectory, to_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.configuration import system_state
 from ff_planner_ros.robot.model import robot_from_urdf_text
 
@@ -146,7 +146,9 @@ def test_the_deepest_contact_is_that_which_coal_finds(seed: int) -> None:
     found = made(robot, resting(POSTURE), np.zeros(6), PLACE).problem
     center = PLACE + rng.normal(scale=0.6, size=(3, 3))
     drift = rng.normal(scale=0.1, size=3)
-    spheres = tuple(Sphere(f"s{k}", place, 0.05 + 0.1 * k, drift) for k, place in enumerate(center))
+    spheres = tuple(
+        Obstacle.sphere(f"s{k}", place, 0.05 + 0.1 * k, drift) for k, place in enumerate(center)
+    )
     problem, time = replace(found, obstacles=spheres), 1.7
     q = pin.neutral(robot.model)
     q[:3] = PLACE
@@ -197,7 +199,7 @@ def test_a_contact_is_with_an_obstacle_where_it_is_by_then(sign: float) -> None:
     at, body = body_placements(robot, q)[0], robot.bodies[0]
     there = at.act(body.placement_in_joint.actInv(body.center_in_joint))
     drift = sign * np.array([0.0, 3.0, 0.0])
-    sphere = Sphere("s", there - 2.0 * drift, 0.01, drift)
+    sphere = Obstacle.sphere("s", there - 2.0 * drift, 0.01, drift)
     comes = replace(found.problem, robot=robot, obstacles=(sphere,))
     assert deepest_contact(comes, q, 0.0) is None
     assert deepest_contact(comes, q, 4.0) is None
@@ -238,7 +240,7 @@ def test_near_the_goal_what_is_allowed_is_no_contact() -> None:
     problem = replace(
         found.problem,
         robot=robot,
-        obstacles=(Sphere("moon", PLACE + 9.0, 0.1), Sphere("s", place, 0.02)),
+        obstacles=(Obstacle.sphere("moon", PLACE + 9.0, 0.1), Obstacle.sphere("s", place, 0.02)),
     )
     near = replace(problem, contact_distance=0.1)
     touching = deepest_contact(near, q)

@@ -131,7 +131,7 @@ def test_every_value_of_a_body_arrives(directory: Path) -> None:
     np.testing.assert_allclose(found.grasp_position, grasp["position"])
     np.testing.assert_allclose(found.grasp_quaternion_xyzw, grasp["quaternion_xyzw"], rtol=1e-15)
     (sphere,) = found.obstacles
-    assert (sphere.id, *sphere.center, sphere.radius) == ("boom", -1.0, -1.5, 2.5, 0.2)
+    assert (sphere.id, *sphere.position, sphere.radius) == ("boom", -1.0, -1.5, 2.5, 0.2)
 
 
 def test_a_target_that_names_no_twist_is_at_rest(directory: Path) -> None:

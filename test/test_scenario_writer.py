@@ -19,8 +19,8 @@ from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
+    Obstacle,
     PlanningProblem,
-    Sphere,
     Target,
 )
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
@@ -80,7 +80,9 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
             duration=duration,
             points=int(rng.integers(5, 5_001 if ends else 10_001)),
             obstacles=tuple(
-                Sphere(name, vector(rng), abs(number(rng)) or 1.0, rng.choice([0, 1]) * vector(rng))
+                Obstacle.sphere(
+                    name, vector(rng), abs(number(rng)) or 1.0, rng.choice([0, 1]) * vector(rng)
+                )
                 for name in rng.choice(IDS, rng.integers(len(IDS)), replace=False).tolist()
             ),
             objective=Objective(1.0, abs(number(rng))),
@@ -129,7 +131,7 @@ def test_a_task_comes_back_to_the_last_bit(
     assert back.problem.limits == task.problem.limits
     for there, here in zip(back.problem.obstacles, task.problem.obstacles, strict=True):
         assert there.id == here.id
-        np.testing.assert_array_equal(there.velocity, here.velocity)
+        np.testing.assert_array_equal(there.motion.velocity, here.motion.velocity)
     assert (back.controller, back.settings) == (task.controller, task.settings)
     assert load_scenario(path).points == task.problem.points
 

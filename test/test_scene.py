@@ -21,7 +21,7 @@ from ff_planner_ros.analysis.methods import PAPERS_METHODS, SHORTEST, STEADIEST,
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem
 from ff_planner_ros.robot.model import Robot
 
 
@@ -85,7 +85,7 @@ def test_the_slider_moves_a_moving_obstacle(
 ) -> None:
     velocity = np.array([0.1, -0.2, 0.05])
     first, *others = lemur_capture.obstacles
-    problem = replace(lemur_capture, obstacles=(*others, replace(first, velocity=velocity)))
+    problem = replace(lemur_capture, obstacles=(*others, first.with_motion(velocity=velocity)))
     figure = scene(problem, plans, set(plans))
     index = len(others)
     for point in (0, 13, POINTS - 1):
@@ -235,12 +235,12 @@ def test_the_end_effector_s_axes_move_with_it(figure: go.Figure, plans: dict[Met
 def test_obstacles_far_from_the_arm_and_more_than_a_browser_bears_are_left_out() -> None:
     arm = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
     times = np.zeros(1)
-    spheres = [Sphere(f"s{k}", [-0.01 * k, 0.0, 1.0], 0.1) for k in range(150)]
+    spheres = [Obstacle.sphere(f"s{k}", [-0.01 * k, 0.0, 1.0], 0.1) for k in range(150)]
     assert near_arm(spheres[:100], times, arm) == spheres[:100]
     assert near_arm(spheres, times, arm) == spheres[:100]
-    far = Sphere("far", [9.0, 0.0, 0.0], 0.1)
+    far = Obstacle.sphere("far", [9.0, 0.0, 0.0], 0.1)
     assert near_arm([far, spheres[0]], times, arm) == [spheres[0]]
-    coming = Sphere("coming", [9.0, 0.0, 0.0], 0.1, velocity=[-1.0, 0.0, 0.0])
+    coming = Obstacle.sphere("coming", [9.0, 0.0, 0.0], 0.1, velocity=[-1.0, 0.0, 0.0])
     both = np.array([0.0, 8.0]), np.concatenate([arm, arm])
     assert near_arm([coming, far], *both) == [coming]
     assert near_arm([], times, arm) == []

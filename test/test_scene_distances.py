@@ -31,7 +31,7 @@ def test_the_distances_at_the_start_are_those_of_coal(problem: PlanningProblem) 
     places = dict(zip([one.name for one in robot.bodies], body_placements(robot, q), strict=True))
     solids = {one.name: one.solid for one in robot.bodies}
     for one in problem.obstacle_bodies:
-        rotation, position = (each[0] for each in one.poses(np.zeros(1)))
+        rotation, position = (each[0] for each in one.motion.poses(np.zeros(1)))
         there, solid = pin.SE3(rotation, position), one.solid.geometry
         truth = {
             name: coal_distance(solids[name], place, solid, there) for name, place in places.items()
@@ -79,7 +79,7 @@ def test_the_page_shows_robot_obstacles_goal_and_how_they_move(problem: Planning
     (ring,) = [one for one in problem.obstacle_bodies if one.id == "ring_0"]
     number = problem.obstacles.index(ring)
     drawn = np.array([last.data[number][axis] for axis in "xyz"]).mean(axis=1)
-    place = ring.poses(np.array([problem.duration]))[1][0]
+    place = ring.motion.poses(np.array([problem.duration]))[1][0]
     np.testing.assert_allclose(drawn, place, atol=1e-3)
     (tool,) = [trace for trace in figure.data if trace.name == "tool at the goal"]
     middle = np.array([tool[axis] for axis in "xyz"]).mean(axis=1)

@@ -28,10 +28,10 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
-    ObstacleBody,
+    Obstacle,
     Orientation,
     PlanningProblem,
-    Sphere,
+    RigidMotion,
     Target,
 )
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
@@ -269,11 +269,11 @@ def test_of_what_begins_close_no_more_than_half_the_distance_is_asked(apart: flo
     still, upright, posture = np.zeros(3), [0.0, 0.0, 0.0, 1.0], np.array([0.0, np.pi, 0.0])
     start = SystemState(still, upright, still, still, posture, still)
     anywhere = Target(still, upright, orientation=Orientation.FREE)
-    rock = Sphere("rock", [0.4, 0.5 + apart, 0.0], 0.3)
+    rock = Obstacle.sphere("rock", [0.4, 0.5 + apart, 0.0], 0.3)
     # So slow that it stays where it is, and fast enough to see which way it goes.
     coming = np.array([0.0, -1e-12, 0.0])
-    crate = ObstacleBody(
-        "crate", Solid("box", np.array([0.2, 0.6, 0.2])), rock.center, velocity=coming
+    crate = Obstacle(
+        "crate", Solid("box", np.array([0.2, 0.6, 0.2])), RigidMotion(rock.center, velocity=coming)
     )
     obstacles = (rock, crate)
     asked = PlanningProblem(robot, start, anywhere, 1.0, POINTS, obstacles, Objective(1.0, 0.0))

@@ -17,15 +17,14 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.problem.obstacles import attached, carried
 from ff_planner_ros.planning.problem.problem import (
-    ObstacleBody,
+    Obstacle,
     PlanningProblem,
-    Sphere,
     Target,
     with_attached,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
-from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.collision.solids import Solid
@@ -189,7 +188,7 @@ def test_on_a_table_the_check_and_the_search_know_no_height() -> None:
 @SIGNS
 def test_everything_in_a_scene_is_seen_in_one_place_from_a_frame_that_moves(sign: float) -> None:
     origin, velocity = np.array([3.0, -7.0, 2.0]), sign * np.array([0.4, 0.1, -0.3])
-    free = Sphere("free", np.array([1.0, 1.0, -1.0]), 0.2, np.array([0.1, 0.0, -0.2]))
+    free = Obstacle.sphere("free", np.array([1.0, 1.0, -1.0]), 0.2, np.array([0.1, 0.0, -0.2]))
     body = replace(
         tumbling.problem("tumbling", 0).target_body or spinning_body(1.0),
         linear_velocity=np.array([0.01, -0.04, 0.02]),
@@ -204,15 +203,15 @@ def test_everything_in_a_scene_is_seen_in_one_place_from_a_frame_that_moves(sign
         for here, there in zip(scene.obstacles, seen.obstacles, strict=True):
             assert here.id == there.id
         moved = seen.obstacles[0]
-        places = moved.center + TIMES[:, None] * moved.velocity
-        wanted = free.center + TIMES[:, None] * free.velocity - way
+        places = moved.center + TIMES[:, None] * moved.motion.velocity
+        wanted = free.center + TIMES[:, None] * free.motion.velocity - way
         np.testing.assert_allclose(places, wanted, atol=1e-12)
         before, after = scene.targets(TIMES), seen.targets(TIMES)
         assert before is not None
         assert after is not None
         np.testing.assert_allclose(after, before - way, atol=1e-12)
         if seen.target_body is not None:
-            points = np.array([one.center for one in body.obstacles])
+            points = np.array([one.position for one in body.obstacles])
             np.testing.assert_allclose(
                 seen.target_body.places(points, TIMES),
                 body.places(points, TIMES) - way[:, None],
@@ -233,10 +232,10 @@ def test_what_is_fixed_to_a_body_goes_on_with_it() -> None:
     """Later, it is what is fixed to the body as that is then."""
     tumbler = tumbling.problem("tumbling", 0).target_body
     assert tumbler is not None
-    panel = AttachedBody("panel", Solid("box", np.array([0.5, 0.3, 0.1])), [0.4, -0.2, 0.9])
+    panel = AttachedObstacle("panel", Solid("box", np.array([0.5, 0.3, 0.1])), [0.4, -0.2, 0.9])
     body = replace(tumbler, obstacles=(*tumbler.obstacles, panel))
     fixed, expected = carried((*attached(body),), 3.0), (*attached(body.after(3.0)),)
-    assert {type(one) for one in fixed} == {Sphere, ObstacleBody}
+    assert {type(one) for one in fixed} == {Obstacle, Obstacle}
     for one, wanted in zip(fixed, expected, strict=True):
         for time in (0.0, 2.0):
             there, then = one.after(time), wanted.after(time)

@@ -37,10 +37,10 @@ from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Objective,
+    Obstacle,
     Parametrisation,
     PlanningProblem,
     Posture,
-    Sphere,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
@@ -209,7 +209,7 @@ def test_the_whole_robot_is_kept_clear_on_its_rail() -> None:
     goal = Posture(np.array([0.35, 0.0, 0.6, 0.4, 0.3, 0.0, 0.0]))
     free = replace(drawn, robot=robot, start=start, posture=goal, obstacles=())
     straight = perform(PlanningTask(free, SETTINGS))
-    in_the_way = Sphere("s1", straight.trajectory.ee_positions[25] + [0.0, 0.0, 0.05], 0.1)
+    in_the_way = Obstacle.sphere("s1", straight.trajectory.ee_positions[25] + [0.0, 0.0, 0.05], 0.1)
     asked = replace(free, obstacles=(in_the_way,))
     assert any("s1" in words for words in refused(asked, straight))
     plan = perform(PlanningTask(asked, SETTINGS))

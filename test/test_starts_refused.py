@@ -23,7 +23,7 @@ from ff_planner_ros.planning.distance.contact import deepest_contact
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.paths.start_motion import least_highest_positions, least_highest_rates
 from ff_planner_ros.planning.problem.approach import Approach
-from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Limits, Obstacle, PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import robot_from_urdf_text
@@ -212,11 +212,11 @@ def test_a_start_with_any_line_of_the_arm_in_any_obstacle_is_refused(
     away = from_lines(points, center)
     assert away.argmin() == line
     ends = [*problem.robot.joint_names, problem.robot.tip_link]
-    others = [Sphere(f"far_{k}", PLACE + 30.0, 1.0) for k in range(3)]
+    others = [Obstacle.sphere(f"far_{k}", PLACE + 30.0, 1.0) for k in range(3)]
     for depth in (5e-4, -1.1e-5):
         # The one that it does not touch moves away: another would be hit.
         way = np.array([0.5, 0.0, 0.0]) if depth > 0.0 else 0.5 * aside / np.linalg.norm(aside)
-        sphere = Sphere("near", center, away.min() + depth, way)
+        sphere = Obstacle.sphere("near", center, away.min() + depth, way)
         obstacles = (*others[:number], sphere, *others[number:])
         asked = replace(problem, obstacles=obstacles)
         if depth < 0.0:
@@ -246,7 +246,7 @@ def beside(problem: PlanningProblem, gap: float, velocity: Array | None = None) 
     if moved @ normal < 0.0:
         normal = -normal
     drift = moved / 1e-4 if velocity is None else velocity
-    sphere = Sphere("near", middle + normal * (0.05 + gap), 0.05, drift)
+    sphere = Obstacle.sphere("near", middle + normal * (0.05 + gap), 0.05, drift)
     return replace(problem, obstacles=(sphere,))
 
 
@@ -279,7 +279,9 @@ def test_an_obstacle_that_comes_at_a_resting_start_is_refused_at_once() -> None:
     (sphere,) = problem.obstacles
     q, _ = configuration(problem.robot, problem.start)
     towards = arm(problem.robot, q)[3:5].mean(axis=0) - sphere.center
-    coming = replace(sphere, velocity=sphere.velocity + 0.1 * towards / np.linalg.norm(towards))
+    coming = sphere.with_motion(
+        velocity=sphere.motion.velocity + 0.1 * towards / np.linalg.norm(towards)
+    )
     words = refusal_of(replace(problem, obstacles=(coming,)), Status.START_IN_COLLISION)
     assert "which nears it by 0.1 m/s" in words
 
@@ -320,7 +322,7 @@ def test_a_body_that_moves_into_an_obstacle_whatever_follows_is_refused_at_once(
     middle = arm(robot, q)[-1]
 
     def with_sphere(off: float, speed: float = 0.0) -> PlanningProblem:
-        sphere = Sphere("near", middle + off * way, 0.05, -speed * way)
+        sphere = Obstacle.sphere("near", middle + off * way, 0.05, -speed * way)
         return replace(problem, robot=robot, obstacles=(sphere,))
 
     inside, outside = 0.0, 9.0

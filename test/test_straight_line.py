@@ -9,7 +9,7 @@ from judging import require_sound
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out
 
 SETTINGS = load_parameters().planner
@@ -57,7 +57,7 @@ def test_its_collision_is_a_plan_that_the_check_refuses(lemur_capture, line):
 
 
 def test_it_refuses_what_no_motion_can_start_from_or_reach(lemur_capture):
-    around = Sphere("rock", np.array([0.2, 0.1, 0.5]), 0.2)
+    around = Obstacle.sphere("rock", np.array([0.2, 0.1, 0.5]), 0.2)
     with pytest.raises(InvalidInput, match="rock"):
         straight_line(replace(lemur_capture, obstacles=(around,)), SETTINGS)
     far = replace(lemur_capture.target, position=np.array([9.0, 0.4, 0.6]))

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.system_frame import SystemFrame, in_own_frame, system_frame
-from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.problem import DurationRange, Obstacle, PlanningProblem, Target
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
@@ -101,7 +101,7 @@ def test_target_and_obstacles_are_where_the_user_has_them(
         )
     }
     attitude = Rotation.random(random_state=seed)
-    sphere = Sphere("ball", rng.normal(size=3) * 50.0, 0.1, rng.normal(size=3))
+    sphere = Obstacle.sphere("ball", rng.normal(size=3) * 50.0, 0.1, rng.normal(size=3))
     problem = replace(
         lemur_capture,
         start=start_of(robot, seed),
@@ -122,7 +122,9 @@ def test_target_and_obstacles_are_where_the_user_has_them(
     assert (there.inv() * attitude).magnitude() < 1e-10
     (ball,) = seen.obstacles
     np.testing.assert_allclose(axes @ ball.center + origin, sphere.center, atol=2e-6)
-    np.testing.assert_allclose(axes @ ball.velocity + velocity, sphere.velocity, atol=1e-8)
+    np.testing.assert_allclose(
+        axes @ ball.motion.velocity + velocity, sphere.motion.velocity, atol=1e-8
+    )
     assert seen.duration_range is not None
     assert problem.duration_range is not None
     moving = axes @ seen.duration_range.target_velocity + velocity

@@ -18,7 +18,7 @@ from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.distance.certificate import certified_clearance
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem.problem import MAX_POINTS, Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import MAX_POINTS, Limits, Obstacle, PlanningProblem
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour, tail_intervals, with_tail
 from ff_planner_ros.robot.momentum import total_momentum
@@ -207,7 +207,7 @@ def test_an_obstacle_beside_the_goal_is_found_by_the_tail_that_drifts_into_it(
     lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
     drifted = with_tail(lemur_capture, lemur_plan, STOP, 8.0, SETTINGS).trajectory
-    sphere = Sphere("strut", drifted.ee_positions[-1], 0.03)
+    sphere = Obstacle.sphere("strut", drifted.ee_positions[-1], 0.03)
     problem = replace(lemur_capture, obstacles=(*lemur_capture.obstacles, sphere))
     error = refused_tail(problem, lemur_plan, STOP, 8.0)
     assert error.status is Status.COLLISION
@@ -327,7 +327,7 @@ def test_clearance_is_certified_on_steps_of_two_lengths(moving_target: PlanningP
     longer = with_tail(coarse, plan(coarse, SETTINGS), STOP, 0.1, SETTINGS)
     robot, motion = coarse.robot, longer.trajectory
     q, v = from_trajectory(robot, motion)
-    near_goal = (Sphere("probe", motion.ee_positions[-1] + [0.06, 0.0, 0.0], 0.05),)
+    near_goal = (Obstacle.sphere("probe", motion.ee_positions[-1] + [0.06, 0.0, 0.0], 0.05),)
     parts = [
         certified_clearance(robot, q[part], v[part], motion.time[part], near_goal)
         for part in (slice(11), slice(10, None))

@@ -12,8 +12,8 @@ from scipy.special import ellipj
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere, attached
-from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.obstacles import attached
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.robot.collision.solids import Solid
 
 DEG = np.pi / 180.0
@@ -268,14 +268,16 @@ def test_what_no_body_has_is_refused_by_name(field: str, value: object, words: s
 
 def test_a_grasp_inside_an_attached_sphere_is_refused() -> None:
     moving = drawn_body(np.random.default_rng(1))
-    sphere = AttachedSphere("tank", moving.grasp_position + np.array([0.1, 0.0, 0.0]), 0.11)
+    sphere = AttachedObstacle.sphere(
+        "tank", moving.grasp_position + np.array([0.1, 0.0, 0.0]), 0.11
+    )
     with pytest.raises(InvalidInput, match=r"grasp\.position.*0\.01 m inside tank"):
         replace(moving, obstacles=(sphere,))
-    replace(moving, obstacles=(replace(sphere, radius=0.09),))
+    replace(moving, obstacles=(replace(sphere, shape=Solid("sphere", [0.09])),))
     with pytest.raises(InvalidInput, match="unique"):
-        replace(moving, obstacles=2 * (replace(sphere, radius=0.09),))
+        replace(moving, obstacles=2 * (replace(sphere, shape=Solid("sphere", [0.09])),))
     with pytest.raises(InvalidInput, match=r"target_body\.obstacles\[tank\]\.radius"):
-        replace(sphere, radius=0.0)
+        AttachedObstacle.sphere("tank", sphere.position, 0.0)
 
 
 def test_a_flat_plate_is_a_body_and_so_is_a_rod_of_some_thickness() -> None:
@@ -310,16 +312,18 @@ def test_what_is_fixed_to_it_goes_on_as_what_is_fixed_to_it_later(seed: int, tim
     """Place, attitude and twist of each obstacle, by themselves and by the body."""
     rng = np.random.default_rng(seed)
     turn = Rotation.random(rng=rng).as_quat()
-    box = AttachedBody("box", Solid("box", np.array([0.1, 0.2, 0.3])), rng.normal(size=3), turn)
-    ball = AttachedSphere("ball", [2.0, 0.3, -0.4], 0.1)
+    box = AttachedObstacle("box", Solid("box", np.array([0.1, 0.2, 0.3])), rng.normal(size=3), turn)
+    ball = AttachedObstacle.sphere("ball", [2.0, 0.3, -0.4], 0.1)
     tumbling = replace(drawn_body(rng), obstacles=(box, ball))
     for now, later in zip(attached(tumbling), attached(tumbling.after(time)), strict=True):
         found = now.after(time)
-        assert found.velocity == pytest.approx(later.velocity, abs=1e-9)
-        if isinstance(found, ObstacleBody) and isinstance(later, ObstacleBody):
-            assert found.position == pytest.approx(later.position, abs=1e-9)
-            assert found.angular_velocity == pytest.approx(later.angular_velocity, abs=1e-9)
-            turned = (Rotation.from_quat(one.quaternion_xyzw) for one in (found, later))
+        assert found.motion.velocity == pytest.approx(later.motion.velocity, abs=1e-9)
+        if not found.is_sphere and not later.is_sphere:
+            assert found.motion.position == pytest.approx(later.motion.position, abs=1e-9)
+            assert found.motion.angular_velocity == pytest.approx(
+                later.motion.angular_velocity, abs=1e-9
+            )
+            turned = (Rotation.from_quat(one.motion.quaternion_xyzw) for one in (found, later))
             assert (next(turned).inv() * next(turned)).magnitude() < 1e-9
-        elif isinstance(found, Sphere) and isinstance(later, Sphere):
+        elif found.is_sphere and later.is_sphere:
             assert found.center == pytest.approx(later.center, abs=1e-9)

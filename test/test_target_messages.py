@@ -31,8 +31,8 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,
+    Obstacle,
     PlanningProblem,
-    Sphere,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
@@ -113,8 +113,8 @@ def test_a_body_comes_back_out_of_its_message_to_the_last_bit(problem: PlanningP
         assert (getattr(read, name) == getattr(body, name)).all(), name
     for name in ("grasp_position", "grasp_quaternion_xyzw"):
         assert (getattr(read, name) == getattr(body, name)).all(), name
-    assert [(one.id, *one.center, one.radius) for one in read.obstacles] == [
-        (one.id, *one.center, one.radius) for one in body.obstacles
+    assert [(one.id, *one.position, one.radius) for one in read.obstacles] == [
+        (one.id, *one.position, one.radius) for one in body.obstacles
     ]
 
 
@@ -276,14 +276,14 @@ def test_a_capture_fixes_the_orientation(problem: PlanningProblem) -> None:
 
 
 def test_an_obstacle_and_an_attached_sphere_have_different_names(problem: PlanningProblem) -> None:
-    rock = Sphere(body_of(problem).obstacles[1].id, np.array([50.0, 0.0, 0.0]), 0.1)
+    rock = Obstacle.sphere(body_of(problem).obstacles[1].id, np.array([50.0, 0.0, 0.0]), 0.1)
     scene = scene_message((rock,), NOW, FRAME)
     refusal = refused(problem, request_message(problem, FRAME), message(problem), scene)
     assert refusal.field == "target_body.obstacles[1].id"
 
 
 # One of them, which moves.
-ROCKS = (Sphere("rock", np.array([9.0, -1.0, 2.0]), 0.3, np.array([-0.1, 0.02, 0.0])),)
+ROCKS = (Obstacle.sphere("rock", np.array([9.0, -1.0, 2.0]), 0.3, np.array([-0.1, 0.02, 0.0])),)
 
 
 def moving(stamp_ns: int) -> Scene:
@@ -308,7 +308,7 @@ def test_a_sphere_that_moves_goes_on_from_its_stamp_to_the_plans_start(
     (rock,) = found.task.problem.obstacles
     way = (age + 2.0) * np.array([-0.1, 0.02, 0.0])
     assert rock.center == pytest.approx(np.array([9.0, -1.0, 2.0]) + way, abs=1e-12)
-    assert rock.velocity.tolist() == [-0.1, 0.02, 0.0]
+    assert rock.motion.velocity.tolist() == [-0.1, 0.02, 0.0]
 
 
 def test_spheres_that_move_need_a_time_but_those_of_a_request_may_be_of_now(
@@ -416,9 +416,9 @@ def test_the_capture_is_drawn_where_an_independent_engine_moves_the_body(
         circles = [one for one in axes.patches if isinstance(one, Circle) and one.get_fill()]
         for circle, part in zip(circles, body.obstacles, strict=True):
             at = (
-                centers[-1] + attitudes[-1].apply(part.center.copy())
+                centers[-1] + attitudes[-1].apply(part.position.copy())
                 if axes is inertial
-                else part.center
+                else part.position
             )
             assert circle.center == pytest.approx(at[plane], abs=1e-6)
             assert circle.radius == part.radius
@@ -465,7 +465,7 @@ def test_markers_show_the_body_where_it_is_when_the_arm_is_shown(
     (center,), (attitude,), _ = moved(body, plan.trajectory.time[-1:])
     last, sphere = found[-1], body.obstacles[-1]
     place = last.pose.position
-    expected = center + attitude.apply(sphere.center.copy())
+    expected = center + attitude.apply(sphere.position.copy())
     assert [place.x, place.y, place.z] == pytest.approx(expected, abs=1e-8)
     assert last.scale.x == pytest.approx(2 * sphere.radius)
 
@@ -474,7 +474,7 @@ def test_markers_show_the_body_where_it_is_when_the_arm_is_shown(
 def test_an_offline_bag_of_a_capture_is_the_same_task_again(
     problem: PlanningProblem, ahead: float, tmp_path: Path
 ) -> None:
-    rock = Sphere("rock", np.array([30.0, 0.0, 0.0]), 0.2, np.array([0.1, 0.0, 0.0]))
+    rock = Obstacle.sphere("rock", np.array([30.0, 0.0, 0.0]), 0.2, np.array([0.1, 0.0, 0.0]))
     asked_for = replace(problem, obstacles=(rock, *problem.obstacles))
     task = PlanningTask(asked_for, SETTINGS, ahead=ahead)
     record_answer(tmp_path / "bag", task, perform(task), 0.5)

@@ -19,7 +19,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.notes import notes_on, notes_on_files
@@ -109,18 +109,18 @@ def test_shapes_and_inertia_are_as_pinocchio_reads_them_about_the_centre_of_mass
     model, solids, whole = _by_pinocchio(URDF)
     assert body.inertia == pytest.approx(whole.inertia, abs=1e-9)
     fixed = {one.id: one for one in body.obstacles}
-    assert list(fixed) == ["bus", "bus#2", "panel", "antenna"]
+    # Spheres come first, as in messages.
+    assert list(fixed) == ["antenna", "bus", "bus#2", "panel"]
     data, placed = model.createData(), solids.createData()
     pin.updateGeometryPlacements(model, data, solids, placed, np.array([DRIVE]))
-    for one, found in zip(fixed.values(), solids.geometryObjects, strict=True):
+    in_file = [fixed[name] for name in ("bus", "bus#2", "panel", "antenna")]
+    for one, found in zip(in_file, solids.geometryObjects, strict=True):
         place = placed.oMg[solids.getGeometryId(found.name)]
-        assert isinstance(one, AttachedBody)
         assert one.position == pytest.approx(place.translation - whole.lever, abs=1e-12)
-        turned = pin.Quaternion(one.quaternion_xyzw).toRotationMatrix()
-        assert turned == pytest.approx(place.rotation, abs=1e-12)
-    shapes = [one.shape for one in body.obstacles if isinstance(one, AttachedBody)]
-    sizes = [(one.kind, one.sizes.tolist()) for one in shapes if isinstance(one, Solid)]
-    assert sizes == [
+        if not one.is_sphere:
+            turned = pin.Quaternion(one.quaternion_xyzw).toRotationMatrix()
+            assert turned == pytest.approx(place.rotation, abs=1e-12)
+    assert [(one.solid.kind, one.solid.sizes.tolist()) for one in in_file] == [
         *(("box", [1.0, 0.8, 0.6]), ("cylinder", [0.2, 0.3])),
         *(("box", [0.5, 2.0, 0.02]), ("sphere", [0.1])),
     ]
@@ -136,8 +136,8 @@ def test_other_obstacles_stay_beside_the_shapes() -> None:
     body = body_of(tumbling.problem("tumbling", 0))
     message.obstacles = target_body_message(body, 0, FRAME).obstacles
     found = target_body_from_message(message, FRAME)
-    assert len(found.spheres) == len(body.spheres) > 0
-    assert len(found.obstacles) == len(body.spheres) + 4
+    assert len(found.obstacles) == len(body.obstacles) + 4 > 4
+    assert sum(one.is_sphere for one in found.obstacles) == len(body.obstacles) + 1
     message.obstacles[0].id = "panel"
     with pytest.raises(InvalidInput, match="ids must be unique"):
         target_body_from_message(message, FRAME)
@@ -224,7 +224,7 @@ def test_a_scenarios_body_has_the_shapes_of_its_urdf_and_is_written_with_them(
 ) -> None:
     scenario = scenario_with_urdf(tmp_path)
     body = body_of(load_scenario(scenario))
-    assert [one.id for one in body.obstacles] == ["bus", "bus#2", "panel", "antenna"]
+    assert [one.id for one in body.obstacles] == ["antenna", "bus", "bus#2", "panel"]
     assert body.inertia == pytest.approx(_by_pinocchio(URDF)[2].inertia, abs=1e-9)
     task = load_task(scenario, Defaults(SETTINGS))
     (tmp_path / "again").mkdir()
@@ -233,7 +233,7 @@ def test_a_scenarios_body_has_the_shapes_of_its_urdf_and_is_written_with_them(
     written = yaml.safe_load(text)["target_body"]
     assert "urdf" not in written
     assert [one["id"] for one in written["obstacles"]] == [one.id for one in body.obstacles]
-    assert list(written["obstacles"][0]["shape"]) == ["box"]
+    assert list(written["obstacles"][1]["shape"]) == ["box"]
     again = load_task(tmp_path / "again" / "again.yaml", Defaults(SETTINGS))
     assert again.digest == task.digest
 
@@ -246,7 +246,7 @@ def test_a_scenarios_urdf_may_name_meshes_beside_it(tmp_path: Path) -> None:
     tetrahedron(tmp_path / "client/bus.stl")
     body = body_of(load_scenario(scenario))
     (bus,) = [one for one in body.obstacles if one.id == "bus"]
-    assert isinstance(bus, AttachedBody)
+    assert not bus.is_sphere
     assert isinstance(bus.shape, Solid)
     scaled = np.array([(0, 0, 0), (0.5, 0, 0), (0, -0.7, 0), (0, 0, 0.9)])
     for corner in scaled:
@@ -257,7 +257,7 @@ def test_a_scenarios_urdf_may_name_meshes_beside_it(tmp_path: Path) -> None:
     message = target_body_message(body, 0, FRAME)
     read = target_body_from_message(message, FRAME)
     (again,) = [one for one in read.obstacles if one.id == "bus"]
-    assert isinstance(again, AttachedBody)
+    assert not again.is_sphere
     assert isinstance(again.shape, Solid)
     assert (again.shape.corners == bus.shape.corners).all()
 
@@ -314,7 +314,7 @@ def test_the_joints_of_a_target_are_where_the_scenario_says_or_as_near_to_zero_a
     pin.updateGeometryPlacements(model, data, solids, placed, np.array(joints))
     (flap,) = [one for one in body.obstacles if one.id == "flap"]
     place = placed.oMg[solids.getGeometryId("flap_0")]
-    assert isinstance(flap, AttachedBody)
+    assert not flap.is_sphere
     assert flap.position == pytest.approx(place.translation - whole.lever, abs=1e-12)
     turned = pin.Quaternion(flap.quaternion_xyzw).toRotationMatrix()
     assert turned == pytest.approx(place.rotation, abs=1e-12)

@@ -32,16 +32,16 @@ from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Objective,
-    ObstacleBody,
+    Obstacle,
     Orientation,
     Parametrisation,
     PlanningProblem,
     Posture,
-    Sphere,
+    RigidMotion,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.problem.target_body import AttachedSphere
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.controller_rules import Controller
@@ -270,14 +270,16 @@ def with_everything(settings: PlannerSettings, goal: str) -> PlanningTask:
     task = load_task(CONFIG / "scenarios/whole_capture.yaml", Defaults(settings))
     problem, robot = task.problem, task.problem.robot
     rates = 0.1 * np.arange(1.0, 8.0)
-    passing = Sphere("passing", [9.0, 0.5, 1.0], 0.1, [0.1, 0.2, 0.3])
+    passing = Obstacle.sphere("passing", [9.0, 0.5, 1.0], 0.1, [0.1, 0.2, 0.3])
     box = Solid("box", np.array([0.5, 0.3, 0.2]))
-    turning = ObstacleBody("turning", box, [-9.0, 0.5, 1.0], [0.5] * 4, [0.1, 0.2, 0.3], [0.1] * 3)
+    turning = Obstacle(
+        "turning", box, RigidMotion([-9.0, 0.5, 1.0], [0.5] * 4, [0.1, 0.2, 0.3], [0.1] * 3)
+    )
     along = Approach(np.array([0.0, 0.6, 0.8]), 0.3, 0.4)
     camera = Camera("link_7", np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.6, 0.8]), 0.5, 0.2)
     body = problem.target_body
     assert body is not None
-    ball = AttachedSphere("ball", np.array([0.1, 9.0, 0.2]), 0.1)
+    ball = AttachedObstacle.sphere("ball", np.array([0.1, 9.0, 0.2]), 0.1)
     problem = replace(problem, allowed_collisions=())
     problem = with_capture_target(replace(body, obstacles=(*body.obstacles[:2], ball)), problem)
     goals: dict[str, dict[str, Any]] = {
@@ -372,9 +374,7 @@ def otherwise(value: Any) -> Iterator[tuple[str, Any]]:
 
 NOT_DIGESTED = (".threads", ".ee_at_rest")
 # Of an obstacle that is fixed to a body.
-FOLLOWS_FROM_BODY = (
-    r"\.problem\.obstacles\[(\d)\]\.(body|center|position|quaternion|velocity|angular|place).*"
-)
+FOLLOWS_FROM_BODY = r"\.problem\.obstacles\[(\d)\]\.motion.*"
 
 
 @pytest.mark.parametrize("goal", ["body", "pose", "posture"])
@@ -421,10 +421,12 @@ def test_nothing_of_a_robot_that_a_plan_depends_on_is_left_out_of_its_digest() -
 def test_zeros_of_either_sign_are_one_to_a_digest() -> None:
     """A message drops the sign of an obstacle that rests."""
     solid, place = Solid("box", np.ones(3)), np.zeros(3)
-    rests = ObstacleBody("b", solid, place)
-    negative = ObstacleBody("b", solid, -place, velocity=-place)
+    rests = Obstacle("b", solid, RigidMotion(place))
+    negative = Obstacle("b", solid, RigidMotion(-place, velocity=-place))
     assert digest_of(rests) == digest_of(negative)
-    assert digest_of(Sphere("s", place, 1.0)) == digest_of(Sphere("s", -place, 1.0))
+    assert digest_of(Obstacle.sphere("s", place, 1.0)) == digest_of(
+        Obstacle.sphere("s", -place, 1.0)
+    )
 
 
 def test_a_refusal_of_a_joint_that_is_carried_beyond_its_limit_tells_what_was_measured(

@@ -43,7 +43,7 @@ from ff_planner_ros.demo.testbed import (
 )
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.forward import carried_forward
-from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem, RigidMotion
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_messages import (
@@ -275,7 +275,7 @@ def test_the_scene_is_there_for_whoever_comes_late(lemur_capture: PlanningProble
 
 def test_target_body_and_obstacles_come_through_their_places_at_its_epoch() -> None:
     drawn = tumbling.problem("tumbling", 0)
-    rock = Sphere("rock", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.5, 0.0, 0.0]))
+    rock = Obstacle.sphere("rock", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.5, 0.0, 0.0]))
     with running_testbed(replace(drawn, obstacles=(rock, *drawn.obstacles)), epoch=0.7) as (
         watcher,
         epoch_ns,
@@ -492,25 +492,24 @@ def test_a_target_body_waits_with_the_chaser_and_moves_from_where_it_was_seen() 
 def test_bodies_that_move_wait_with_the_chaser_beside_spheres(
     lemur_capture: PlanningProblem,
 ) -> None:
-    panel = ObstacleBody(
+    panel = Obstacle(
         "panel",
         Solid("box", np.array([1.0, 2.0, 0.1])),
-        np.array([9.0, 0.0, 0.0]),
-        angular_velocity=np.array([0.0, 0.0, 0.1]),
+        RigidMotion(np.array([9.0, 0.0, 0.0]), angular_velocity=np.array([0.0, 0.0, 0.1])),
     )
     among = replace(lemur_capture, obstacles=(panel, *lemur_capture.obstacles))
     with running_testbed(among, epoch=None) as (watcher, _):
         watcher.wait_until(lambda: len(watcher.obstacles) > 3)
         *spheres, seen = scene_from_message(watcher.obstacles[-1], "obstacles", FRAME)
-    assert isinstance(seen, ObstacleBody)
-    assert (seen.angular_velocity == panel.angular_velocity).all()
-    turned = Rotation.from_quat(seen.quaternion_xyzw.copy()).as_rotvec()
+    assert not seen.is_sphere
+    assert (seen.motion.angular_velocity == panel.motion.angular_velocity).all()
+    turned = Rotation.from_quat(seen.motion.quaternion_xyzw.copy()).as_rotvec()
     np.testing.assert_allclose(turned, [0.0, 0.0, -0.1 * LEAD], atol=1e-9)
     assert len(spheres) == len(lemur_capture.obstacles)
 
 
 def test_moving_obstacles_wait_with_the_chaser(lemur_capture: PlanningProblem) -> None:
-    rock = Sphere("rock", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.5, 0.0, 0.0]))
+    rock = Obstacle.sphere("rock", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.5, 0.0, 0.0]))
     with running_testbed(replace(lemur_capture, obstacles=(rock,)), epoch=None) as (watcher, _):
         watcher.wait_until(lambda: len(watcher.obstacles) > 3)
         (sphere,) = scene_from_message(watcher.obstacles[-1], "obstacles", FRAME)

@@ -30,17 +30,18 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.planning.problem.problem import (
+    Obstacle,
     PlanningProblem,
-    Sphere,
     attached,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
@@ -116,7 +117,7 @@ def test_the_arm_stays_outside_what_is_fixed_to_the_body(
     line = (1.0 - along) * points[:, :-1] + along * points[:, 1:]
     nearest = np.inf
     for sphere in body_of(problem).obstacles:
-        there = centers + attitudes.apply(np.tile(sphere.center, (len(times), 1)))
+        there = centers + attitudes.apply(np.tile(sphere.position, (len(times), 1)))
         away = np.linalg.norm(line - there[:, None], axis=-1).min() - sphere.radius
         nearest = min(nearest, float(away))
     assert plan.metrics.min_clearance > 0.0
@@ -171,7 +172,8 @@ def test_a_body_that_does_not_turn_is_a_target_that_drifts(problem: PlanningProb
     body = replace(body_of(problem), angular_velocity=np.zeros(3))
     captured = with_capture_target(body, problem)
     spheres = tuple(
-        Sphere(one.id, one.center, one.radius, body.linear_velocity) for one in captured.obstacles
+        Obstacle.sphere(one.id, one.center, one.radius, body.linear_velocity)
+        for one in captured.obstacles
     )
     drifting = replace(captured, target_body=None, obstacles=spheres)
     frame = system_frame(problem.robot, problem.start)
@@ -206,8 +208,13 @@ def test_scenario_and_digest_hold_all_of_a_body(problem: PlanningProblem, tmp_pa
         {"grasp_position": body.grasp_position + 1e-9},
         {"grasp_quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
         {"obstacles": body.obstacles[1:]},
-        {"obstacles": (replace(sphere, radius=sphere.radius - 1e-9), *body.obstacles[1:])},
-        {"obstacles": (replace(sphere, center=sphere.center + 1e-9), *body.obstacles[1:])},
+        {
+            "obstacles": (
+                replace(sphere, shape=Solid("sphere", [sphere.radius - 1e-9])),
+                *body.obstacles[1:],
+            )
+        },
+        {"obstacles": (replace(sphere, position=sphere.position + 1e-9), *body.obstacles[1:])},
     ]
     for change in changes:
         other = replace(task, problem=with_capture_target(replace(body, **change), problem))
@@ -294,7 +301,7 @@ def test_a_scenario_that_describes_no_body_is_refused_by_name(
     assert refused.value.field == field
 
 
-def swinging(radius: float, turns: float, duration: float) -> Sphere:
+def swinging(radius: float, turns: float, duration: float) -> Obstacle:
     """Return a sphere that comes back to where it begins, far away half-way."""
     body = TargetBody(
         position=[0.0, 0.0, 0.0],
@@ -303,7 +310,7 @@ def swinging(radius: float, turns: float, duration: float) -> Sphere:
         grasp_position=[0.0, 0.0, 9.0],
         grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
         angular_velocity=[0.0, 0.0, 2.0 * np.pi * turns / duration],
-        obstacles=(AttachedSphere("boom", [-5.0, 0.0, 0.0], radius),),
+        obstacles=(AttachedObstacle.sphere("boom", [-5.0, 0.0, 0.0], radius),),
     )
     (sphere,) = attached(body)
     return sphere
@@ -334,7 +341,7 @@ def test_the_core_sees_attached_where_they_are(kind: str) -> None:
     rng = np.random.default_rng(0)
     drawn = tumbling.problem(kind, 1)
     robot, spheres = drawn.robot, drawn.obstacles
-    own = (Sphere("rock", [1.0, 0.5, 0.3], 0.2, [0.01, 0.0, -0.02]), *spheres)
+    own = (Obstacle.sphere("rock", [1.0, 0.5, 0.3], 0.2, [0.01, 0.0, -0.02]), *spheres)
     q = np.tile(np.concatenate([np.zeros(6), [1.0], drawn.start.joint_positions]), (20, 1))
     q[:, 7:] += rng.normal(scale=0.3, size=q[:, 7:].shape)
     v = 0.1 * rng.normal(size=(20, robot.model.nv))
@@ -396,7 +403,7 @@ def test_drawn_bodies_are_what_their_class_promises(kind: str) -> None:
         assert bool(drawn.robot.bodies) is (kind == "with shapes")
         passing = [sphere for sphere in drawn.obstacles if sphere.body is None]
         assert bool(passing) is (kind == "passing spheres")
-        assert all(np.linalg.norm(sphere.velocity) > 0.0 for sphere in passing)
+        assert all(np.linalg.norm(sphere.motion.velocity) > 0.0 for sphere in passing)
         assert (drawn.approach is not None) is (kind == "corridor")
         across = np.cross(rates, rates[0])
         if kind == "on a table":
@@ -432,7 +439,7 @@ def test_a_drawn_corridor_can_be_kept() -> None:
 def test_a_grasp_that_is_carried_into_an_obstacle_is_refused() -> None:
     """An obstacle that the body carries its grasp into is named before anything is solved."""
     drawn = tumbling.problem("tumbling", 0)
-    rock = Sphere("rock", drawn.target.position, 0.3)
+    rock = Obstacle.sphere("rock", drawn.target.position, 0.3)
     with pytest.raises(NoPlanFound, match="inside obstacle rock"):
         perform(PlanningTask(replace(drawn, obstacles=(rock, *drawn.obstacles)), SETTINGS))
 
@@ -465,7 +472,9 @@ def test_what_the_tool_grasps_may_touch_it_from_near_the_goal_on_as_the_body_mov
     given = load_scenario(SCENARIOS / "lemur_tumbling.yaml")
     body = body_of(given)
     grasp = Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
-    fixture = AttachedSphere("fixture", body.grasp_position + grasp.apply([0, 0, 0.2]), 0.08)
+    fixture = AttachedObstacle.sphere(
+        "fixture", body.grasp_position + grasp.apply([0, 0, 0.2]), 0.08
+    )
     asked = with_capture_target(replace(body, obstacles=(*body.obstacles, fixture)), given)
     holding: dict[str, Any] = {"end_behaviour": EndBehaviour.HOLD_END_EFFECTOR, "tail": 2.0}
     with pytest.raises(NoPlanFound, match="name link_7/fixture in allowed_collisions"):

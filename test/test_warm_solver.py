@@ -47,6 +47,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.ros.requests import solver as module
 from ff_planner_ros.ros.requests import solver_process
 from ff_planner_ros.ros.requests.solver import Solver
@@ -384,7 +385,9 @@ def test_errors_of_the_planner_come_across_as_they_are(
     with pytest.raises(NoPlanFound) as too_far:
         solve(solver, replace(lemur_capture, target=target), settings)
     assert too_far.value.status is Status.GOAL_OUT_OF_REACH
-    spheres = tuple(replace(sphere, radius=5.0) for sphere in lemur_capture.obstacles)
+    spheres = tuple(
+        replace(sphere, shape=Solid("sphere", [5.0])) for sphere in lemur_capture.obstacles
+    )
     with pytest.raises(InvalidInput, match="c1") as blocked:
         solve(solver, replace(lemur_capture, obstacles=spheres), settings)
     assert blocked.value.status is Status.START_IN_COLLISION

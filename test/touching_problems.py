@@ -13,13 +13,13 @@ from ff_planner_benchmark.problems import witnessed
 from ff_planner_ros.planning.distance.allowed_contact import split_pairs
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import (
-    ObstacleBody,
+    Obstacle,
     Orientation,
     PlanningProblem,
-    Sphere,
+    RigidMotion,
     attached,
 )
-from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.problems.robots import bench_robot, planar_urdf
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import Solid
@@ -98,15 +98,19 @@ def with_contacts(problem: PlanningProblem, rng: np.random.Generator) -> Plannin
         linear_velocity=[0.01, 0.0, 0.0],
         angular_velocity=0.1 * up,
         obstacles=(
-            AttachedSphere("knob", [-0.2, -0.2, 0.0], 0.06),
-            AttachedBody("bar", Solid("box", [0.1, 0.1, 0.3]), [-0.2, -0.2, 0.1]),
+            AttachedObstacle.sphere("knob", [-0.2, -0.2, 0.0], 0.06),
+            AttachedObstacle("bar", Solid("box", [0.1, 0.1, 0.3]), [-0.2, -0.2, 0.1]),
         ),
     )
     obstacles = (
-        Sphere("ball", first, 0.08, 0.01 * rng.normal(size=3) * (1.0 - up)),
-        Sphere("fixture", problem.target.position, 0.1),
-        ObstacleBody("box", Solid("box", [0.2, 0.2, 0.1]), second, angular_velocity=0.05 * up),
-        ObstacleBody("wall", Solid("cylinder", [0.1, 0.2]), problem.target.position + 0.05),
+        Obstacle.sphere("ball", first, 0.08, 0.01 * rng.normal(size=3) * (1.0 - up)),
+        Obstacle.sphere("fixture", problem.target.position, 0.1),
+        Obstacle(
+            "box", Solid("box", [0.2, 0.2, 0.1]), RigidMotion(second, angular_velocity=0.05 * up)
+        ),
+        Obstacle(
+            "wall", Solid("cylinder", [0.1, 0.2]), RigidMotion(problem.target.position + 0.05)
+        ),
         *attached(tumbling),
     )
     links = [body.link for body in bodies]

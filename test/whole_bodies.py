@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 
 RATE = 1000.0  # [Hz]
 ROBOTS = Path(__file__).parent.parent / "config" / "robots"
@@ -78,7 +78,7 @@ class WholeBodies:
             for other in self.solids[two]
         ]
 
-    def touching(self, motion: Trajectory, obstacles: Sequence[Sphere]) -> dict[str, float]:
+    def touching(self, motion: Trajectory, obstacles: Sequence[Obstacle]) -> dict[str, float]:
         """Pairs of links, or link and obstacle, that touch, and when they do first."""
         geometry = self.geometry.copy()
         own = range(len(geometry.geometryObjects))
@@ -91,12 +91,14 @@ class WholeBodies:
             geometry.addCollisionPair(pin.CollisionPair(first, second))
         names = [self.model.frames[one.parentFrame].name for one in self.geometry.geometryObjects]
         names += [sphere.id for sphere in obstacles]
-        moving = [pair for pair in zip(spheres, obstacles, strict=True) if pair[1].velocity.any()]
+        moving = [
+            pair for pair in zip(spheres, obstacles, strict=True) if pair[1].motion.velocity.any()
+        ]
         data, placed = self.model.createData(), geometry.createData()
         found: dict[str, float] = {}
         for time, q in zip(*self._between(motion), strict=True):
             for number, sphere in moving:
-                center = sphere.center + time * sphere.velocity
+                center = sphere.center + time * sphere.motion.velocity
                 geometry.geometryObjects[number].placement = pin.SE3(np.eye(3), center)
             pin.updateGeometryPlacements(self.model, data, geometry, placed, q)
             if pin.computeCollisions(geometry, placed, False):

@@ -22,13 +22,17 @@ from ff_planner_ros.common.declared_messages import places_in
 from ff_planner_ros.errors import Retry
 from ff_planner_ros.parameters import DECLARATIONS
 from ff_planner_ros.parameters.controller import KEEPS_PLANS
+from ff_planner_ros.planning.problem.obstacles import SphereEntry
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
-    ObstacleBody,
+    Obstacle,
     PlanningProblem,
-    Sphere,
 )
-from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import (
+    AttachedObstacle,
+    AttachedSphereEntry,
+    TargetBody,
+)
 from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
 from ff_planner_ros.planning.scenario.scenario import scenario_schema
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -94,10 +98,10 @@ def scenario() -> Iterator[tuple[str, ...]]:
             (PlanningTask, "", ""),
             (DurationRange, "duration", ""),
             (TargetBody, "target_body", "target_body[0]"),
-            (AttachedBody, "target_body.obstacles[]", "target_body[0].bodies[]"),
-            (AttachedSphere, "target_body.obstacles[]", "target_body[0].obstacles[]"),
-            (ObstacleBody, "obstacles[]", "scene[0].bodies[]"),
-            (Sphere, "obstacles[]", "scene[0].spheres[]"),
+            (AttachedObstacle, "target_body.obstacles[]", "target_body[0].bodies[]"),
+            (AttachedSphereEntry, "target_body.obstacles[]", "target_body[0].obstacles[]"),
+            (Obstacle, "obstacles[]", "scene[0].bodies[]"),
+            (SphereEntry, "obstacles[]", "scene[0].spheres[]"),
             (Payload, "robot.payload", "payload[0]"),
             (HeldShape, "robot.payload.shapes[]", "payload[0].bodies[]"),
         )

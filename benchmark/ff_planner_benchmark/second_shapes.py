@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_benchmark.second_engine import AbstractValue, RigidTransform, as_pose, geometry
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry
-from ff_planner_ros.planning.problem.problem import Obstacle, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
@@ -46,7 +45,7 @@ class Shapes:
         robot = with_bodies(robot)
         self._bodies, self._obstacles = robot.bodies, obstacles
         solids = {one.name: one.solid for one in robot.bodies}
-        solids |= {one.id: obstacle_geometry(one) for one in obstacles}
+        solids |= {one.id: one.solid.geometry for one in obstacles}
         self._graph: Any = geometry.SceneGraph()
         self._source = self._graph.RegisterSource("solids")
         added = {name: self._added(name, solid) for name, solid in solids.items()}
@@ -117,15 +116,13 @@ def _shape(solid: coal.CollisionGeometry) -> Any:
 
 def _obstacle_at(one: Obstacle, time: float) -> Any:
     """Return an obstacle's pose, inertial."""
-    if isinstance(one, Sphere):
-        turn, place, rate = Rotation.identity(), one.center, np.zeros(3)
-    else:
-        turn, place = Rotation.from_quat(one.quaternion_xyzw), one.position
-        rate = one.angular_velocity
+    motion = one.motion
+    turn, place = Rotation.from_quat(motion.quaternion_xyzw), motion.position
     if one.body is not None:
         begin = _body_at(one.body, 0.0)
         return _body_at(one.body, time) @ begin.inverse() @ _drakes(turn, place)
-    return _drakes(Rotation.from_rotvec(time * rate) * turn, place + time * one.velocity)
+    turned = Rotation.from_rotvec(time * motion.angular_velocity)
+    return _drakes(turned * turn, place + time * motion.velocity)
 
 
 @lru_cache(maxsize=2)

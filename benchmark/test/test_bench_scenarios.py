@@ -11,7 +11,7 @@ from robots import LEMUR_SCENARIO
 from ff_planner_benchmark.problems import classes
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.problems import scenarios
 from ff_planner_ros.problems.drawn import first_sound
@@ -145,21 +145,21 @@ def test_the_witnesses_of_twins_are_nearly_the_same_joint_path(kind, robot):
 
 
 def test_an_obstacle_of_any_shape_is_in_the_same_place_of_the_twin(lemur_capture):
-    box = ObstacleBody(
+    box = Obstacle(
         "box",
         Solid("box", np.array([0.2, 0.3, 0.4])),
-        position=[1.0, 2.0, 3.0],
-        velocity=[0.1, -0.2, 0.3],
-        angular_velocity=[0.4, 0.5, -0.6],
+        RigidMotion(
+            position=[1.0, 2.0, 3.0], velocity=[0.1, -0.2, 0.3], angular_velocity=[0.4, 0.5, -0.6]
+        ),
     )
-    ball = Sphere("ball", [3.0, 2.0, 1.0], 0.1, [0.3, -0.2, 0.1])
+    ball = Obstacle.sphere("ball", [3.0, 2.0, 1.0], 0.1, [0.3, -0.2, 0.1])
     problem = replace(lemur_capture, obstacles=(ball, box))
     frame, velocity = pin.SE3(pin.exp3(np.array([0.3, -0.7, 1.1])), np.array([5.0, 6.0, 7.0])), 0.5
     there, turned = seen_from(problem, frame, np.full(3, velocity)).obstacles
     assert there.id == "ball"
     times = np.array([0.0, 4.0])
-    rotations, places = box.poses(times)
-    seen_rotations, seen_places = turned.poses(times)
+    rotations, places = box.motion.poses(times)
+    seen_rotations, seen_places = turned.motion.poses(times)
     moved = places @ frame.rotation.T + frame.translation + velocity * times[:, None]
     np.testing.assert_allclose(seen_places, moved, atol=1e-12)
     np.testing.assert_allclose(seen_rotations, frame.rotation @ rotations, atol=1e-12)

@@ -18,7 +18,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.plan import SolverReport
-from ff_planner_ros.planning.problem.problem import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.search.candidate import plan_of_motion
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems.drawn import Drawn
@@ -62,10 +62,10 @@ def witness_at(drawn: Drawn[Witness], points: int) -> tuple[Array, Array, Array,
     return times, way, twists, accelerations(robot, way, twists, joints.at(times)[2])
 
 
-def least_distances(robot: Robot, way: Array, times: Array, one: ObstacleBody) -> Array:
+def least_distances(robot: Robot, way: Array, times: Array, one: Obstacle) -> Array:
     """Distances of every body from an obstacle, or less where they are far. (times, bodies) [m]."""
     data, found = robot.model.createData(), np.empty((len(way), len(robot.bodies)))
-    rotations, positions = one.poses(times)
+    rotations, positions = one.motion.poses(times)
     for number, q in enumerate(way):
         pin.forwardKinematics(robot.model, data, q)
         there = pin.SE3(rotations[number], positions[number])
@@ -114,7 +114,7 @@ def test_the_straight_path_meets_a_body(drawn: Drawn[Witness], situation: str) -
 def test_each_situation_is_what_it_promises(drawn: Drawn[Witness], situation: str) -> None:
     problem, bodies, still = drawn.problem, drawn.problem.obstacle_bodies, np.zeros(3)
     assert problem.obstacles == bodies
-    turning = [float(np.linalg.norm(one.angular_velocity)) for one in bodies]
+    turning = [float(np.linalg.norm(one.motion.angular_velocity)) for one in bodies]
     moving = [one.moves for one in bodies]
     match situation:
         case "at rest":
@@ -156,7 +156,7 @@ def test_robots_situations_and_kinds_of_shapes_are_all_there() -> None:
 def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None:
     def numbers(drawn: Drawn[Witness]) -> Array:
         problem = drawn.problem
-        places = [one.position for one in problem.obstacle_bodies]
+        places = [one.motion.position for one in problem.obstacle_bodies]
         return np.concatenate([problem.start.joint_positions, *places])
 
     first, other = numbers(shapes.problem(2)), numbers(shapes.problem(3))
@@ -192,15 +192,15 @@ def test_what_shapes_cost_is_measured_against_what_else_is_there() -> None:
 
 
 def test_a_box_in_a_sphere_has_its_corners_on_it() -> None:
-    sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5, np.array([0.1, 0.0, 0.0]))
+    sphere = Obstacle.sphere("s", np.array([1.0, 2.0, 3.0]), 0.5, np.array([0.1, 0.0, 0.0]))
     box = prices._box_inside(sphere)
     assert box.solid.radius == pytest.approx(0.5)
-    assert (box.position == sphere.center).all()
-    assert (box.velocity == sphere.velocity).all()
+    assert (box.motion.position == sphere.center).all()
+    assert (box.motion.velocity == sphere.motion.velocity).all()
 
 
 def test_what_is_compared_is_nearly_the_same() -> None:
-    sphere = Sphere("s", np.array([1.0, 2.0, 3.0]), 0.5)
+    sphere = Obstacle.sphere("s", np.array([1.0, 2.0, 3.0]), 0.5)
     box = prices._box(sphere)
     hull = prices._hull(box)
     assert box.solid.geometry.computeVolume() == pytest.approx(4 / 3 * np.pi * 0.5**3)

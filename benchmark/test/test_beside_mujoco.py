@@ -16,7 +16,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.common import plug_ins
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.following import phase_tasks
@@ -87,7 +87,7 @@ def test_in_parts_it_is_the_same_among_obstacles_that_move(tumbling):
 def test_what_is_in_the_way_touches_but_for_pairs_that_may(tumbling):
     problem, motion = tumbling
     robot, row = with_bodies(problem.robot), len(motion.time) // 2
-    there = Sphere("there", motion.ee_positions[row], 0.01)
+    there = Obstacle.sphere("there", motion.ee_positions[row], 0.01)
     found = flown(robot, motion, Scene([there]), 1)
     assert found.distance < 0.0
     assert not found.passed

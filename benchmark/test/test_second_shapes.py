@@ -7,7 +7,7 @@ from robots import CONFIG
 from ff_planner_benchmark.problems import shapes
 from ff_planner_ros.analysis.nearest import nearest
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import bodies
@@ -38,7 +38,7 @@ def test_what_is_in_the_way_touches_in_drake():
     problem = shapes.problem(0).problem
     motion = planned(problem)
     row = len(motion.time) // 2
-    there = Sphere("there", motion.ee_positions[row], 0.01)
+    there = Obstacle.sphere("there", motion.ee_positions[row], 0.01)
     seen = flown(problem.robot, motion, [there])
     touched = {pair for pair, distance in seen[row].items() if distance < 0.0}
     assert touched

@@ -24,10 +24,6 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.pose_motion import poses_between
 from ff_planner_ros.planning.problem.obstacles import (
     Obstacle,
-    ObstacleBody,
-    Sphere,
-    bodies_in,
-    spheres_in,
 )
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.requirements.clearance import link_name
@@ -91,9 +87,10 @@ def distances(
     time, q = _between_points(robot, motion)
     seen = Scene() if scene is None else scene.captured_at(float(motion.time[-1]))
     apart = kept_apart(robot, obstacles, seen, q, time)
-    is_body = np.array([not isinstance(one, Sphere) for one in obstacles], bool)
+    is_body = np.array([not one.is_sphere for one in obstacles], bool)
     starts = np.arange(len(robot.bodies)) if robot.bodies else segments(arm_points(robot, q))
-    whole, spheres, bodies = with_bodies(robot), spheres_in(obstacles), bodies_in(obstacles)
+    whole, spheres = with_bodies(robot), [one for one in obstacles if one.is_sphere]
+    bodies = [one for one in obstacles if not one.is_sphere]
     rows = max(1, _MOST_DISTANCES // max(1, len(starts) * len(obstacles)))
     found, which = [], []
     for k in range(0, len(time), rows):
@@ -113,7 +110,7 @@ def distances(
 
 
 def _of_shapes(
-    robot: Robot, obstacles: Sequence[ObstacleBody], time: Array, q: Array, counts: _Flags
+    robot: Robot, obstacles: Sequence[Obstacle], time: Array, q: Array, counts: _Flags
 ) -> Array:
     """Return distances of bodies to obstacles; infinite where another body is surely nearer.
 
@@ -131,7 +128,7 @@ def _of_shapes(
 
 
 def _of_bodies(
-    robot: Robot, obstacles: Sequence[Sphere], time: Array, q: Array, counts: _Flags
+    robot: Robot, obstacles: Sequence[Obstacle], time: Array, q: Array, counts: _Flags
 ) -> Array:
     """Return distances of bodies to spheres; infinite where another body is surely nearer.
 
@@ -155,7 +152,7 @@ def nearest(
         number = int(found.of_each.min(axis=0).argmin())
     time = int(found.of_each[:, number].argmin())
     which, one = int(found.nearest[time, number]), obstacles[number]
-    if robot.bodies or not isinstance(one, Sphere):
+    if robot.bodies or not one.is_sphere:
         link = with_bodies(robot).bodies[which].name
     else:
         link = link_name(robot, which)

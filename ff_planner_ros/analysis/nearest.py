@@ -12,7 +12,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.obstacle_distances import (
     around_obstacles,
     nearest_points,
-    obstacle_geometry,
     obstacle_poses,
 )
 from ff_planner_ros.planning.motion.motion import from_trajectory
@@ -87,7 +86,7 @@ def nearest_of(
     solids = [body.solid for body in robot.bodies]
     names = [body.name for body in robot.bodies] + [one.id for one in obstacles]
     radii = np.append([body.radius for body in robot.bodies], around_each)
-    solids += map(obstacle_geometry, obstacles)
+    solids += (one.solid.geometry for one in obstacles)
     first, second = np.array(pairs).T
     around = np.array(balls)
     apart = np.linalg.norm(around[:, first] - around[:, second], axis=-1)

@@ -10,7 +10,6 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.obstacle_distances import (
     nearest_points,
-    obstacle_geometry,
     obstacle_place,
 )
 from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem
@@ -88,7 +87,7 @@ def _gap(
     if isinstance(other, Body):
         solid, name, link = other.solid, other.name, other.link
     else:
-        solid, name, link = obstacle_geometry(other), other.id, other.id
+        solid, name, link = other.solid.geometry, other.id, other.id
     distance, ends = nearest_points(body.solid, at, solid, there)
     allowed = problem.allowed_collisions
     return Gap(

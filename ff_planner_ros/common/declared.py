@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
+from operator import attrgetter
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -48,7 +49,7 @@ class DeclaredField:
     instead: tuple[str, Form, str] | None = None
     # Another key, its value with which this field may be omitted, and the field's value then
     unless: tuple[str, str, Any] | None = None
-    name: str = ""  # the dataclass field's
+    name: str = ""  # the dataclass field's; dotted: of a part that is declared inline
     default: Any = field(default_factory=lambda: MISSING)
 
     @property
@@ -115,6 +116,16 @@ def declare_velocity(part: str, sentence: str, brief: bool = False) -> Any:
     return declare(a_vector(), sentence, default_factory=zero_vector, **more)
 
 
+def declare_inline(kind: type[Any]) -> Any:
+    """Declare a field for an object whose keys stand among those of the class that has it."""
+    return field(metadata={"inline": kind})
+
+
+def inlined(kind: Any) -> dict[str, type[Any]]:
+    """Return the classes of the fields of a class that are declared inline, by field name."""
+    return {one.name: one.metadata["inline"] for one in fields(kind) if "inline" in one.metadata}
+
+
 def declared(kind: Any) -> DeclaredFields:
     """Return the declarations of a dataclass's fields by key, in the order of files.
 
@@ -127,7 +138,11 @@ def declared(kind: Any) -> DeclaredFields:
 @cache
 def _declared(kind: Any) -> DeclaredFields:
     found: dict[str, DeclaredField] = dict(vars(kind).get("BESIDE", {}))
+    inner = inlined(kind)
     for item in fields(kind):
+        if item.name in inner:
+            of_part = declared(inner[item.name]).items()
+            found |= {key: replace(one, name=f"{item.name}.{one.name}") for key, one in of_part}
         one: DeclaredField | None = item.metadata.get("declared")
         if one is not None:
             default = item.default
@@ -162,8 +177,10 @@ def check_declared(self: Any, block: str, **kinds: type[Any]) -> None:
         if not (value is None and getattr(type(self), name, self) is None):
             an_object(dotted(block, name), value, kind)
     for key, one in declared(type(self)).items():
-        value = getattr(self, one.name) if one.name else None
-        if one.name and not (value is None and one.default is None):
+        if not one.name or "." in one.name:
+            continue
+        value = getattr(self, one.name)
+        if not (value is None and one.default is None):
             object.__setattr__(self, one.name, one.form.checked(dotted(block, key), value))
 
 
@@ -255,13 +272,16 @@ def _must(known: DeclaredFields, key: str, one: DeclaredField | None) -> bool:
 
 def fields_of(kind: type[Any], read: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values that were read for a class's fields, by field name instead of key."""
-    return {one.name: read[key] for key, one in declared(kind).items() if one.name and key in read}
+    given = {one.name: read[key] for key, one in declared(kind).items() if key in read}
+    parts = {name: part(**fields_of(part, read)) for name, part in inlined(kind).items()}
+    return {name: value for name, value in given.items() if name and "." not in name} | parts
 
 
 def written_object(value: Any) -> dict[str, Any]:
     """Return the mapping that a file holds for an object with declared fields."""
     known = declared(type(value))
-    return written(known, {key: getattr(value, one.name, None) for key, one in known.items()})
+    values = {key: attrgetter(one.name)(value) for key, one in known.items() if one.name}
+    return written(known, values)
 
 
 def written(known: DeclaredFields, values: Mapping[str, Any]) -> dict[str, Any]:

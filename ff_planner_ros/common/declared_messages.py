@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ff_planner_ros.common.declared import DeclaredField, declared
+from ff_planner_ros.common.declared import DeclaredField, declared, inlined
 from ff_planner_ros.common.plain_values import dotted
 
 _attribute = cache(attrgetter)
@@ -68,7 +68,7 @@ def values_in(
     """
     found: dict[str, Any] = {}
     for key, one in declared(kind).items():
-        if one.message is None or not (names is None or one.name in names):
+        if one.message is None or "." in one.name or not (names is None or one.name in names):
             continue
         try:
             part = value_at(message, one.message)
@@ -78,7 +78,8 @@ def values_in(
         except AttributeError:
             if one.default is MISSING:
                 raise
-    return found
+    parts = inlined(kind).items()
+    return found | {name: part(**values_in(part, message, field)) for name, part in parts}
 
 
 def _says_something(one: DeclaredField, part: Any) -> bool:

@@ -46,26 +46,26 @@ def changes(kind: type[Any]) -> Form:
     )
 
 
-def one_of_parts(key: str, with_key: Form, without: Form) -> Form:
-    """Return the form of an object of one of two classes.
+def part_or_entry(key: str, kind: type[Any], entry: type[Any]) -> Form:
+    """Return the form of an object that files may give in a second way, messages in that alone.
 
     Args:
-        key: Key by which files tell the first class from the second.
-        with_key: Form of the first class.
-        without: Form of the second class. Messages hold the classes in separate arrays: only its
-            entries are read.
+        key: Key of the first way, by which files tell it from the second.
+        kind: Class of the object, with the declared fields of the first way.
+        entry: Class with those of the second: `made()` returns the object, `entry.of(object)` its
+            entry, or None if it has none.
     """
-    kinds = [form.of for form in (with_key, without) if form.of is not None]
+    usual, second = part(kind), part(entry)
 
-    def of(value: Any) -> Form:
-        if isinstance(value, dict):
-            return with_key if key in value else without
-        return with_key if with_key.of is type(value) else without
+    def read(field: str, value: object) -> Any:
+        if isinstance(value, dict) and key in value:
+            return usual.read(field, value)
+        return second.read(field, value).made()
 
     return Form(
-        lambda field, value: of(value).read(field, value),
-        lambda: {"anyOf": [without.schema(), with_key.schema()]},
-        lambda field, value: an_object(field, value, *kinds),
-        lambda value: of(value).written(value),
-        from_message=without.from_message,
+        read,
+        lambda: {"anyOf": [second.schema(), usual.schema()]},
+        lambda field, value: an_object(field, value, kind),
+        lambda value: written_object(entry.of(value) or value),
+        from_message=lambda field, message: second.from_message(field, message).made(),
     )

@@ -13,7 +13,6 @@ from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Orientation,
     PlanningProblem,
-    Sphere,
     with_capture_target,
 )
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -35,9 +34,7 @@ def place_of(problem: PlanningProblem, name: str) -> tuple[Array, Array | None]:
         turned = None if target.orientation is Orientation.FREE else target.quaternion_xyzw
         return target.position, turned
     one = next(one for one in problem.obstacles if one.id == name)
-    if isinstance(one, Sphere):
-        return one.center, None
-    return one.position, one.quaternion_xyzw
+    return one.motion.position, None if one.is_sphere else one.motion.quaternion_xyzw
 
 
 def moved(
@@ -64,11 +61,7 @@ def moved(
         target = replace(problem.target, position=position, **turned)
         return _with(task, replace(problem, target=target))
     obstacles = tuple(
-        one
-        if one.id != name
-        else replace(one, center=position)
-        if isinstance(one, Sphere)
-        else replace(one, position=position, **turned)
+        one.with_motion(position=position, **turned) if one.id == name else one
         for one in problem.obstacles
     )
     return _with(task, replace(problem, obstacles=obstacles))

@@ -11,7 +11,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Robot
@@ -71,13 +71,13 @@ def _body_of(body: Body) -> compiled.Body:
     )
 
 
-def obstacles_of(obstacles: Sequence[ObstacleBody], until: float) -> compiled.Obstacles:
+def obstacles_of(obstacles: Sequence[Obstacle], until: float) -> compiled.Obstacles:
     """Return obstacles, with their motion until a time [s] after the plan's first point."""
     return _obstacles_of(tuple(obstacles), until)
 
 
 @lru_cache(maxsize=8)
-def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> compiled.Obstacles:
+def _obstacles_of(obstacles: tuple[Obstacle, ...], until: float) -> compiled.Obstacles:
     carriers = {
         id(body): compiled.TumblingBody(
             body.position, body.linear_velocity, *body.attitude_series(until)
@@ -86,10 +86,10 @@ def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> compiled
     }
     found = []
     for one in obstacles:
-        solid, place = one.solid, one.place_in_body
+        solid, motion, place = one.solid, one.motion, one.motion.place_in_body
         kind, sizes = kind_and_sizes(solid.geometry)
         if place is None:
-            rotations, positions = one.poses(np.zeros(1))
+            rotations, positions = motion.poses(np.zeros(1))
             place = pin.SE3(rotations[0], positions[0])
         found.append(
             compiled.Obstacle(
@@ -101,8 +101,8 @@ def _obstacles_of(obstacles: tuple[ObstacleBody, ...], until: float) -> compiled
                 radius=solid.radius,
                 rotation=place.rotation,
                 position=place.translation,
-                velocity=one.velocity,
-                rate=one.angular_velocity,
+                velocity=motion.velocity,
+                rate=motion.angular_velocity,
                 highest_speed=one.highest_speed,
                 body=carriers.get(id(one.body)),
             )
@@ -138,7 +138,7 @@ def target_of(target: Target) -> compiled.Target:
     )
 
 
-def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
+def sphere_arrays(spheres: Sequence[Obstacle]) -> tuple[Array, Array, Array]:
     """Return centres at the plan's first point and velocities, (spheres, 3), radii, (spheres,).
 
     In the inertial frame [m, m/s]; read-only, as they are cached.
@@ -147,19 +147,19 @@ def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=8)
-def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
-    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
-    velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
+def _sphere_arrays(spheres: tuple[Obstacle, ...]) -> tuple[Array, Array, Array]:
+    centers = np.array([sphere.motion.position for sphere in spheres]).reshape(-1, 3)
+    velocities = np.array([sphere.motion.velocity for sphere in spheres]).reshape(-1, 3)
     return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
 
 
-def spheres_of(spheres: Sequence[Sphere], until: float) -> compiled.Spheres:
+def spheres_of(spheres: Sequence[Obstacle], until: float) -> compiled.Spheres:
     """Return spheres, with their motion until a time [s] after the plan's first point."""
     return _spheres_of(tuple(spheres), until)
 
 
 @lru_cache(maxsize=8)
-def _spheres_of(spheres: tuple[Sphere, ...], until: float) -> compiled.Spheres:
+def _spheres_of(spheres: tuple[Obstacle, ...], until: float) -> compiled.Spheres:
     attached = []
     for body in {id(sphere.body): sphere.body for sphere in spheres if sphere.body}.values():
         fixed = [k for k, sphere in enumerate(spheres) if sphere.body is body]
@@ -167,7 +167,7 @@ def _spheres_of(spheres: tuple[Sphere, ...], until: float) -> compiled.Spheres:
         attached.append(
             compiled.Attached(
                 fixed,
-                np.array([spheres[k].place_in_body for k in fixed], np.float64),
+                np.array([spheres[k].motion.lever for k in fixed]),
                 body.position,
                 body.linear_velocity,
                 begins,

@@ -10,8 +10,8 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
-from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere, simplest
-from ff_planner_ros.planning.problem.target_body import AttachedBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion, SphereEntry
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle
 from ff_planner_ros.robot.collision.solids import (
     MAX_MESH_VERTICES,
     SIZES,
@@ -30,8 +30,6 @@ MAX_TRIANGLES = 2 * MAX_MESH_VERTICES
 def obstacles_of(message: Any, source: str) -> tuple[Obstacle, ...]:
     """Return the spheres and bodies of a scene, at its stamp.
 
-    A body whose primitive is a sphere becomes a `Sphere`.
-
     Args:
         source: Topic or field of the message; prefix of the fields that errors name.
 
@@ -45,20 +43,20 @@ def obstacles_of(message: Any, source: str) -> tuple[Obstacle, ...]:
     )
 
 
-def attached_bodies_of(message: Any, source: str) -> tuple[AttachedBody, ...]:
+def attached_bodies_of(message: Any, source: str) -> tuple[AttachedObstacle, ...]:
     """Return the bodies in a target body's message, which are fixed to the target body.
 
     Raises:
         InvalidInput: A body is invalid or has a velocity of its own.
     """
-    found = list[AttachedBody]()
+    found = list[AttachedObstacle]()
     for index, one in enumerate(message.bodies):
         place = f"{source}.{BODIES}[{index}]"
         for part in ("twist.linear", "twist.angular"):
             require_zero(one, part, "what is fixed to a body moves with it", place)
         solid = solid_in(one, place)
-        with fields_named(names_in(AttachedBody, f"target_body.obstacles[{one.id}]", place)):
-            found.append(AttachedBody(shape=solid, **values_in(AttachedBody, one)))
+        with fields_named(names_in(AttachedObstacle, f"target_body.obstacles[{one.id}]", place)):
+            found.append(AttachedObstacle(shape=solid, **values_in(AttachedObstacle, one)))
     return tuple(found)
 
 
@@ -117,7 +115,7 @@ def _require_unique(message: Any, source: str) -> None:
                 )
 
 
-def _sphere(field: str, message: Any) -> Sphere:
+def _sphere(field: str, message: Any) -> Obstacle:
     turning = _vector(message.twist.angular, f"{field}.twist.angular")
     if turning.any():
         raise InvalidInput(
@@ -127,14 +125,15 @@ def _sphere(field: str, message: Any) -> Sphere:
             "it must be zero: nothing says what the sphere goes round; a body that turns, with all "
             "that is fixed to it, is a target_body",
         )
-    with fields_named(names_in(Sphere, f"obstacles[{message.id}]", field)):
-        return Sphere(**values_in(Sphere, message))
+    with fields_named(names_in(SphereEntry, f"obstacles[{message.id}]", field)):
+        return SphereEntry(**values_in(SphereEntry, message)).made()
 
 
 def _body(field: str, message: Any) -> Obstacle:
     solid = solid_in(message, field)
-    with fields_named(names_in(ObstacleBody, f"obstacles[{message.id}]", field)):
-        return simplest(ObstacleBody(shape=solid, **values_in(ObstacleBody, message)))
+    names = names_in(Obstacle, f"obstacles[{message.id}]", field)
+    with fields_named(names | names_in(RigidMotion, "motion", field)):
+        return Obstacle(shape=solid, **values_in(Obstacle, message))
 
 
 def _primitive(message: Any, field: str) -> Solid:

@@ -8,7 +8,7 @@ from ff_planner_ros.common.declared_messages import names_in, values_in
 from ff_planner_ros.errors import fields_named
 from ff_planner_ros.messages.obstacles import attached_bodies_of, require_zero
 from ff_planner_ros.planning.problem.goal_words import GoalKind
-from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedSphereEntry, TargetBody
 from ff_planner_ros.planning.scenario.body_file import with_urdf
 
 FIELD = "target_body"  # as topic and field of a request are called
@@ -33,7 +33,7 @@ def target_body_in(message: Any) -> TargetBody:
         place = f"{FIELD}.obstacles[{index}]"
         require_zero(sphere, "twist.linear", _FIXED, place)
         require_zero(sphere, "twist.angular", _FIXED, place)
-        names |= names_in(AttachedSphere, f"{FIELD}.obstacles[{sphere.id}]", place)
+        names |= names_in(AttachedSphereEntry, f"{FIELD}.obstacles[{sphere.id}]", place)
     bodies = attached_bodies_of(message, FIELD)
     with fields_named(names):
         given = values_in(TargetBody, message, FIELD)

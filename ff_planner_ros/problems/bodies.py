@@ -19,7 +19,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.problems.drawn import Drawn, first_sound
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out, within_limits
 from ff_planner_ros.problems.robots import bench_robot
@@ -139,7 +139,7 @@ def own_gap(swept: Swept, below: float) -> float:
     )
 
 
-def sphere_gap(swept: Swept, sphere: Sphere, below: float, centers: Array | None = None) -> float:
+def sphere_gap(swept: Swept, sphere: Obstacle, below: float, centers: Array | None = None) -> float:
     """Return the smallest distance of bodies to a sphere [m]; exact if under `below`.
 
     Args:
@@ -177,10 +177,10 @@ def distance(
 
 def _draw_spheres(
     reach: float, way: Swept, straight: Swept, rng: np.random.Generator
-) -> tuple[Sphere, ...] | None:
+) -> tuple[Obstacle, ...] | None:
     """Draw spheres that the witness clears; the straight path hits the first one, or itself."""
     wanted = int(rng.integers(_FEWEST, _MOST, endpoint=True))
-    chosen: list[Sphere] = []
+    chosen: list[Obstacle] = []
     blocked = own_gap(straight, 0.0) < 0.0
     for near, needed in ((straight, 0 if blocked else 1), (way, wanted)):
         if len(chosen) == needed:
@@ -190,7 +190,7 @@ def _draw_spheres(
             radius = one.radius + min(0.0, room)
             if radius < _SMALLEST * reach:
                 continue
-            sphere = Sphere(f"s{len(chosen) + 1}", one.center, radius)
+            sphere = Obstacle.sphere(f"s{len(chosen) + 1}", one.center, radius)
             hit = near is way or sphere_gap(straight, sphere, 0.0) < 0.0
             if hit and not _overlaps(sphere, chosen):
                 chosen.append(sphere)
@@ -201,7 +201,7 @@ def _draw_spheres(
     return tuple(chosen)
 
 
-def _overlaps(sphere: Sphere, others: Sequence[Sphere]) -> bool:
+def _overlaps(sphere: Obstacle, others: Sequence[Obstacle]) -> bool:
     return any(
         np.linalg.norm(sphere.center - other.center) <= max(sphere.radius, other.radius)
         for other in others

@@ -13,7 +13,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points, clearances, s
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.path_family import Motion, singular_refusal
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # Coefficients of the straight path, xi = 0.
@@ -86,7 +86,7 @@ def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
     return arm_points(problem.robot, np.concatenate([rollout.q, rollout.q_half_way]))
 
 
-def clearance_of(sweep: Array, spheres: Sequence[Sphere]) -> Array:
+def clearance_of(sweep: Array, spheres: Sequence[Obstacle]) -> Array:
     """Return each resting sphere's distance to the arm of `sweep_of`. Shape (spheres,) [m]."""
     times = np.zeros(len(sweep))
     lowest: Array = clearances(sweep, times, segments(sweep), spheres).distance.min(axis=(0, 1))

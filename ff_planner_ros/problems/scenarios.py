@@ -23,8 +23,8 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import (
+    Obstacle,
     PlanningProblem,
-    Sphere,
     Target,
 )
 from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, state
@@ -171,10 +171,10 @@ def _draw_spheres(
     cleared: Sequence[Array],
     hit: Sequence[Array],
     rng: np.random.Generator,
-) -> tuple[Sphere, ...] | None:
+) -> tuple[Obstacle, ...] | None:
     """Draw spheres that some sweeps clear and others hit; None if too few fit."""
     wanted = int(rng.integers(*kind.spheres, endpoint=True))
-    chosen: list[Sphere] = []
+    chosen: list[Obstacle] = []
     for near, needed, depth in (
         (hit[0], kind.blocking, kind.depth),
         (cleared[0], wanted, -np.inf),
@@ -190,7 +190,7 @@ def _draw_spheres(
                 for other in chosen
             )
             if radius >= _SMALLEST_SPHERE * reach and deep >= depth and apart:
-                chosen.append(Sphere(f"s{len(chosen) + 1}", sphere.center, radius))
+                chosen.append(Obstacle.sphere(f"s{len(chosen) + 1}", sphere.center, radius))
             if len(chosen) == needed:
                 break
         else:
@@ -198,7 +198,7 @@ def _draw_spheres(
     return tuple(chosen)
 
 
-def draw_near(sweep: Array, reach: float, rng: np.random.Generator) -> list[Sphere]:
+def draw_near(sweep: Array, reach: float, rng: np.random.Generator) -> list[Obstacle]:
     """Draw candidate spheres around the arm of `sweep_of`; reach: of the stretched arm [m]."""
     starts = segments(sweep)
     times, links = rng.integers(len(sweep), size=_CANDIDATES), rng.choice(starts, _CANDIDATES)
@@ -207,7 +207,7 @@ def draw_near(sweep: Array, reach: float, rng: np.random.Generator) -> list[Sphe
     radii = reach * rng.uniform(_SMALLEST_SPHERE, _LARGEST_SPHERE, _CANDIDATES)
     offsets = rng.uniform(0.0, 2.0, _CANDIDATES) * radii
     return [
-        Sphere("candidate", point + _unit(rng) * offset, radius)
+        Obstacle.sphere("candidate", point + _unit(rng) * offset, radius)
         for point, offset, radius in zip(on_arm, offsets, radii, strict=True)
     ]
 

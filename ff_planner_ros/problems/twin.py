@@ -10,7 +10,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.problems.paths import STRAIGHT
 from ff_planner_ros.robot.configuration import eigen_quaternion
@@ -40,15 +40,11 @@ def seen_from(
         return quaternion
 
     def moved(one: Obstacle) -> Obstacle:
-        going = rotation @ one.velocity + drift
-        if isinstance(one, Sphere):
-            return replace(one, center=frame.act(one.center), velocity=going)
-        return replace(
-            one,
-            position=frame.act(one.position),
-            quaternion_xyzw=turned(one.quaternion_xyzw),
-            velocity=going,
-            angular_velocity=rotation @ one.angular_velocity,
+        return one.with_motion(
+            position=frame.act(one.motion.position),
+            quaternion_xyzw=turned(one.motion.quaternion_xyzw),
+            velocity=rotation @ one.motion.velocity + drift,
+            angular_velocity=rotation @ one.motion.angular_velocity,
         )
 
     seen = replace(

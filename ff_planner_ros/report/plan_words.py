@@ -18,7 +18,7 @@ from ff_planner_ros.analysis.extremes import (
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.report.html import element, row, table, when
 from ff_planner_ros.report.run_report import ReportedPlan
@@ -139,15 +139,12 @@ def _obstacle(
 ) -> Iterator[str | Element]:
     one, least = obstacles[number], nearest(robot, obstacles, found, number)
     yield one.id
-    moving = _vector(one.velocity, ".4g") if one.velocity.any() else "at rest"
-    if isinstance(one, Sphere):
-        yield _vector(one.center, ".3f")
-        yield f"{one.radius:g}"
-    else:
-        yield _vector(one.position, ".3f")
-        yield one.solid.words
-        if one.angular_velocity.any():
-            moving += f", turning {_vector(np.rad2deg(one.angular_velocity), '.4g')} deg/s"
+    motion = one.motion
+    yield _vector(motion.position, ".3f")
+    yield f"{one.radius:g}" if one.is_sphere else one.solid.words
+    moving = _vector(motion.velocity, ".4g") if motion.velocity.any() else "at rest"
+    if motion.angular_velocity.any() and not one.is_sphere:
+        moving += f", turning {_vector(np.rad2deg(motion.angular_velocity), '.4g')} deg/s"
     yield moving
     yield f"{1e3 * least.distance:.1f}"
     yield when(least.time)

@@ -17,7 +17,6 @@ from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.node import ANY_AGE, NodeParameters
-from ff_planner_ros.planning.problem.obstacles import bodies_in
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.ros.inputs.middleware import Middleware, namesakes
@@ -195,7 +194,7 @@ class Session:
         obstacles_age: float | None = None
         try:
             scene = self._scenes.scene()
-            bodies = len(bodies_in(scene.obstacles))
+            bodies = sum(not one.is_sphere for one in scene.obstacles)
             obstacles, obstacles_source = len(scene.obstacles) - bodies, scene.source
             if scene.stamp_ns:
                 obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS

@@ -18,7 +18,6 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.bodies import Body
@@ -80,7 +79,7 @@ class Touch:
             _add_geom(spec, spec.body(names[frame.name]), geom, body.solid, placement)
         for geom, one in zip(others, obstacles, strict=True):
             mover = spec.worldbody.add_body(name=geom, mocap=True)
-            _add_geom(spec, mover, geom, obstacle_geometry(one), pin.SE3.Identity())
+            _add_geom(spec, mover, geom, one.solid.geometry, pin.SE3.Identity())
         pairs = [(bodies[first], bodies[second]) for first, second in robot.pairs]
         pairs += [(body, other) for body in bodies for other in others]
         for first, second in pairs:
@@ -110,7 +109,7 @@ class Touch:
         spheres = self._scene.spheres
         positions[:, : len(spheres)] = centers_at(times, spheres)
         for number, one in enumerate(self._scene.obstacle_bodies, start=len(spheres)):
-            rotations[:, number], positions[:, number] = one.poses(times)
+            rotations[:, number], positions[:, number] = one.motion.poses(times)
         return positions, np.roll(quaternion_from_rotation(rotations), 1, axis=-1)
 
     def _seen(

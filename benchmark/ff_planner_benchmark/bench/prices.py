@@ -12,16 +12,15 @@ from ff_planner_benchmark.bench.experiment import Experiment, Row, timed_plans
 from ff_planner_benchmark.bench.times import APART, CUBE, flown, repeated, shipped
 from ff_planner_benchmark.problems.classes import BODIES
 from ff_planner_benchmark.problems.placing import gap_of, random_turn
-from ff_planner_ros.planning.problem.obstacles import bodies_in
 from ff_planner_ros.planning.problem.problem import (
-    ObstacleBody,
+    Obstacle,
     PlanningProblem,
-    Sphere,
+    RigidMotion,
     attached,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.problem.target_body import AttachedBody, AttachedSphere
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle
 from ff_planner_ros.problems.bodies import Swept, sphere_gap
 from ff_planner_ros.problems.drawn import first_sound
 from ff_planner_ros.problems.robots import bench_robot
@@ -66,14 +65,14 @@ def crowds(count: int, settings: PlannerSettings) -> Iterator[Row]:
             yield {"problem": name, "spheres": size} | _beside(*both, settings)
 
 
-def _more_spheres(problem: PlanningProblem, way: Swept, count: int) -> tuple[Sphere, ...]:
+def _more_spheres(problem: PlanningProblem, way: Swept, count: int) -> tuple[Obstacle, ...]:
     """Return a problem's spheres and others around the robot, clear of its bodies on the way."""
     rng, spheres = np.random.default_rng(0), list(problem.spheres)
     middle, reach = way.centers.mean(axis=(0, 1)), np.ptp(way.centers, axis=(0, 1)).max()
 
-    def draw() -> Sphere | None:
+    def draw() -> Obstacle | None:
         center = middle + rng.uniform(-1.5 * reach, 1.5 * reach, 3)
-        sphere = Sphere(f"far{len(spheres)}", center, reach * rng.uniform(0.02, 0.08))
+        sphere = Obstacle.sphere(f"far{len(spheres)}", center, reach * rng.uniform(0.02, 0.08))
         return sphere if sphere_gap(way, sphere, APART) > APART else None
 
     while len(spheres) < count:
@@ -155,20 +154,20 @@ PRICES = Experiment(
 )
 
 
-def _box_inside(sphere: Sphere) -> ObstacleBody:
+def _box_inside(sphere: Obstacle) -> Obstacle:
     """Return the cube inscribed in a sphere, with an orientation seeded by the sphere's id."""
     turn = eigen_quaternion(random_turn(np.random.default_rng([*sphere.id.encode()])))
     solid = Solid("box", np.full(3, 2.0 * sphere.radius / np.sqrt(3.0)))
-    return ObstacleBody(sphere.id, solid, sphere.center, turn, sphere.velocity)
+    return Obstacle(sphere.id, solid, RigidMotion(sphere.center, turn, sphere.motion.velocity))
 
 
-def _box(sphere: Sphere) -> ObstacleBody:
+def _box(sphere: Obstacle) -> Obstacle:
     """Return a cube of a sphere's volume in its place."""
     edge = _EDGE * sphere.radius
-    return ObstacleBody(sphere.id, Solid("box", np.full(3, edge)), sphere.center)
+    return Obstacle(sphere.id, Solid("box", np.full(3, edge)), RigidMotion(sphere.center))
 
 
-def _hull(box: ObstacleBody) -> ObstacleBody:
+def _hull(box: Obstacle) -> Obstacle:
     """Return a convex hull of 200 corners that nearly is a box: its faces are slightly curved."""
     ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))
     ways /= (np.abs(ways) ** _NEARLY_A_BOX).sum(axis=1, keepdims=True) ** (1 / _NEARLY_A_BOX)
@@ -177,17 +176,17 @@ def _hull(box: ObstacleBody) -> ObstacleBody:
 
 def _scattered(
     problem: PlanningProblem, settings: PlannerSettings, count: int
-) -> tuple[ObstacleBody, ...]:
+) -> tuple[Obstacle, ...]:
     """Return a problem's obstacle bodies, and random boxes clear of its plan, `count` in all."""
     q, times = flown(problem, settings)
     way, rng = Swept(with_bodies(problem.robot), q), np.random.default_rng(0)
-    found = list[ObstacleBody]()
+    found = list[Obstacle]()
 
-    def draw() -> ObstacleBody | None:
+    def draw() -> Obstacle | None:
         turn = eigen_quaternion(random_turn(rng))
         solid = Solid("box", rng.uniform(0.1, 0.4, 3))
         center = rng.uniform(-CUBE / 2, CUBE / 2, 3)
-        box = ObstacleBody(f"box{len(found)}", solid, center, turn)
+        box = Obstacle(f"box{len(found)}", solid, RigidMotion(center, turn))
         return box if gap_of(way, times, box) > APART else None
 
     while len(found) < count - len(problem.obstacles):
@@ -203,18 +202,18 @@ def _targets(
     if body is None:
         raise ValueError("there is no target body")
     q, times = flown(problem, settings)
-    way, spheres = Swept(with_bodies(problem.robot), q), list[AttachedSphere]()
+    way, spheres = Swept(with_bodies(problem.robot), q), list[AttachedObstacle]()
 
-    def draw() -> tuple[AttachedSphere, AttachedBody] | None:
+    def draw() -> tuple[AttachedObstacle, AttachedObstacle] | None:
         name, center, radius = f"p{len(spheres)}", rng.normal(0.0, 0.5, 3), rng.uniform(0.05, 0.15)
-        box = AttachedBody(name, Solid("box", np.full(3, _EDGE * radius)), center)
+        box = AttachedObstacle(name, Solid("box", np.full(3, _EDGE * radius)), center)
         ball = replace(box, id="b", shape=Solid("capsule", np.array([radius, 1e-3])))
-        both = bodies_in(tuple(attached(replace(body, obstacles=(ball, box)))))
+        both = attached(replace(body, obstacles=(ball, box)))
         if min(gap_of(way, times, one) for one in both) <= APART:
             return None
-        return AttachedSphere(name, center, radius), box
+        return AttachedObstacle.sphere(name, center, radius), box
 
-    boxes = list[AttachedBody]()
+    boxes = list[AttachedObstacle]()
     while len(spheres) < _PARTS:
         sphere, box = first_sound("part of a target", problem.robot.model.name, draw)
         spheres.append(sphere)

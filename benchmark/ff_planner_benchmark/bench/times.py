@@ -22,8 +22,8 @@ from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.problem.problem import (
+    Obstacle,
     PlanningProblem,
-    Sphere,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import load_scenario
@@ -74,9 +74,9 @@ def _with_spheres(count: int, settings: PlannerSettings) -> Iterator[Row]:
     q, times = flown(problem, settings)
     positions, spheres = arm_points(problem.robot, q), list(problem.spheres)
 
-    def draw() -> Sphere | None:
+    def draw() -> Obstacle | None:
         center, radius = rng.uniform(-CUBE / 2, CUBE / 2, 3), rng.uniform(0.05, 0.2)
-        sphere = Sphere(f"s{len(spheres)}", center, radius)
+        sphere = Obstacle.sphere(f"s{len(spheres)}", center, radius)
         away = clearances(positions, times, segments(positions), [sphere]).distance.min()
         return sphere if away > APART else None
 

@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_place
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_place
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
@@ -75,7 +75,7 @@ def _geometry(robot: Robot, obstacles: Sequence[Obstacle]) -> tuple[pin.Geometry
             pin.GeometryObject(f"body {number}", body.joint, body.placement_in_joint, body.solid)
         )
     for one in obstacles:
-        solid = obstacle_geometry(one)
+        solid = one.solid.geometry
         place = obstacle_place(one, 0.0)
         geometry.addGeometryObject(pin.GeometryObject(_obstacle(one), 0, place, solid))
     bodies = len(robot.bodies)

@@ -34,10 +34,10 @@ from ff_planner_ros.planning.distance.clearance import arm_points, clearances, s
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.problem.problem import (
+    Obstacle,
     Orientation,
     PlanningProblem,
     Posture,
-    Sphere,
     Target,
 )
 from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, state
@@ -132,12 +132,12 @@ def _from_random_start(rng: np.random.Generator) -> PlanningProblem:
 
 
 @cache
-def _scene() -> tuple[Robot, Array, tuple[Sphere, ...]]:
+def _scene() -> tuple[Robot, Array, tuple[Obstacle, ...]]:
     """Return the robot of random starts, its configuration at the goal, and spheres beside it."""
     robot = replace(bench_robot(RANDOM_STARTS), base=Base.ATTITUDE_HELD, wheels=Wheels())
     rng = np.random.default_rng(0)
 
-    def draw() -> tuple[Robot, Array, tuple[Sphere, ...]] | None:
+    def draw() -> tuple[Robot, Array, tuple[Obstacle, ...]] | None:
         posture = random_posture(robot, False, rng)
         if posture is None:
             return None

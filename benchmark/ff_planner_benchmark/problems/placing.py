@@ -13,7 +13,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.problem import ObstacleBody
+from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion
 from ff_planner_ros.problems.bodies import Swept, distance
 from ff_planner_ros.robot.collision.solids import Solid, hull_of_vertices
 from ff_planner_ros.robot.configuration import eigen_quaternion
@@ -85,7 +85,7 @@ def free_body(
     pose: pin.SE3,
     twist: Array,
     time: float,
-) -> ObstacleBody:
+) -> Obstacle:
     """Return a body with a constant twist that has a pose at a time [s].
 
     Args:
@@ -93,41 +93,37 @@ def free_body(
         twist: Linear and angular velocity, inertial. Shape (6,) [m/s, rad/s].
     """
     rotation = pin.exp3(-time * twist[3:]) @ pose.rotation
-    return ObstacleBody(
+    return Obstacle(
         name,
         solid,
-        pose.translation - time * twist[:3],
-        pin.Quaternion(eigen_quaternion(rotation)).normalized().coeffs(),
-        twist[:3],
-        twist[3:],
+        RigidMotion(
+            pose.translation - time * twist[:3],
+            pin.Quaternion(eigen_quaternion(rotation)).normalized().coeffs(),
+            twist[:3],
+            twist[3:],
+        ),
     )
 
 
 def beside(
-    swept: Swept, times: Array, body: ObstacleBody, way: Array, clear: float, most: float
-) -> ObstacleBody | None:
+    swept: Swept, times: Array, body: Obstacle, way: Array, clear: float, most: float
+) -> Obstacle | None:
     """Return a body pushed along a unit vector `way`; distances are those of `Track.come`."""
-    rotations, positions = body.poses(times)
+    rotations, positions = body.motion.poses(times)
     track = Track(body.solid, rotations, positions, np.tile(way, (len(times), 1)))
     far = track.come(swept, clear, most)
     return None if far is None else moved(body, far * way)
 
 
-def moved(body: ObstacleBody, way: Array) -> ObstacleBody:
+def moved(body: Obstacle, way: Array) -> Obstacle:
     """Return a body shifted by `way` (3,) [m], and not attached to a target body."""
-    return ObstacleBody(
-        body.id,
-        body.shape,
-        body.position + way,
-        body.quaternion_xyzw,
-        body.velocity,
-        body.angular_velocity,
-    )
+    position = body.motion.position + way
+    return body.with_motion(position=position, body=None, place_in_body=None)
 
 
-def gap_of(swept: Swept, times: Array, body: ObstacleBody) -> float:
+def gap_of(swept: Swept, times: Array, body: Obstacle) -> float:
     """Return the smallest distance of an obstacle to a robot's bodies over some times [m]."""
-    return Track(body.solid, *body.poses(times), np.zeros((len(times), 3))).gap(swept)
+    return Track(body.solid, *body.motion.poses(times), np.zeros((len(times), 3))).gap(swept)
 
 
 def random_turn(rng: np.random.Generator) -> Array:

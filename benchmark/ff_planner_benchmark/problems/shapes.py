@@ -37,11 +37,11 @@ from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.motion.forward import carried_base
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.problem import (
-    ObstacleBody,
+    Obstacle,
     PlanningProblem,
     with_capture_target,
 )
-from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap
 from ff_planner_ros.problems.drawn import Drawn, asked, first_sound
 from ff_planner_ros.problems.paths import STRAIGHT, roll_out
@@ -101,7 +101,7 @@ class _Draw:
         self.robot, self.situation, self.rng = robot, situation, rng
         self.reach = stretched_length(robot)
         self.slower = max(1.0, _QUICK / float(robot.velocity_limits.min()))
-        self.bodies = list[ObstacleBody]()
+        self.bodies = list[Obstacle]()
 
     def drawn(self) -> Drawn[Witness] | None:
         """Return a problem and its witness; None: what was drawn is not sound."""
@@ -216,7 +216,7 @@ class _Draw:
         around: Swept,
         swept: Swept,
         times: Array,
-    ) -> ObstacleBody | None:
+    ) -> Obstacle | None:
         """Push a body towards a point of the arm along `around` until it is near the witness."""
         rng, (solid, twist) = self.rng, drawn
         points = arm_points(self.robot, around.way)
@@ -250,7 +250,7 @@ class _Draw:
         normal /= np.linalg.norm(normal)
         axes = np.column_stack([along / length, np.cross(normal, along / length), normal])
         solid = Solid("box", np.array([_ALONG * length, _ACROSS * length, THICKNESS]))
-        plates = list[ObstacleBody]()
+        plates = list[Obstacle]()
         for side in (1.0, -1.0):
             pose = pin.SE3(axes, middles[time] + side * length * normal)
             plate = free_body(f"b{len(plates) + 1}", solid, pose, still, 0.0)
@@ -264,14 +264,14 @@ class _Draw:
         self.bodies = plates
         return True
 
-    def _parts(self, witness: Witness, swept: Swept) -> tuple[AttachedBody, ...]:
+    def _parts(self, witness: Witness, swept: Swept) -> tuple[AttachedObstacle, ...]:
         """Draw the parts of a target body: each is pushed into the body from outside."""
         rng, (_, times, body, *_) = self.rng, witness
         points = arm_points(self.robot, witness.way)
         motion = body.motion(np.zeros(3), times)
         seen = ((points - motion.positions[:, None]) @ motion.rotations)[:, segments(points) + 1]
         near = seen[np.linalg.norm(seen, axis=-1) < 2.0 * _LEVER[1]]
-        wanted, chosen = int(rng.integers(*_PARTS, endpoint=True)), list[AttachedBody]()
+        wanted, chosen = int(rng.integers(*_PARTS, endpoint=True)), list[AttachedObstacle]()
         for number in range(_CANDIDATES):
             if len(chosen) == wanted:
                 break
@@ -291,7 +291,7 @@ class _Draw:
             closely = _track(body, solid, turn, place, -out, self.times)
             if closely.gap(self.closely) > CLEAR:
                 quaternion = pin.Quaternion(eigen_quaternion(turn)).normalized().coeffs()
-                chosen.append(AttachedBody(f"part_{len(chosen) + 1}", solid, place, quaternion))
+                chosen.append(AttachedObstacle(f"part_{len(chosen) + 1}", solid, place, quaternion))
         return tuple(chosen)
 
 

@@ -11,6 +11,7 @@ from functools import cache
 from itertools import islice
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_benchmark.problems.tumbling_witness import (
@@ -24,16 +25,18 @@ from ff_planner_benchmark.problems.witnessed import random_state, spheres_beside
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.obstacles import RigidMotion
 from ff_planner_ros.planning.problem.problem import (
+    Obstacle,
     PlanningProblem,
-    Sphere,
     with_capture_target,
 )
-from ff_planner_ros.planning.problem.target_body import AttachedSphere
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap, sphere_gap
 from ff_planner_ros.problems.drawn import Drawn, asked, first_sound
 from ff_planner_ros.problems.robots import ROBOTS, bench_robot
 from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Base, Robot
 
 
@@ -132,12 +135,14 @@ def drawn_capture(robot: Robot, kind: Kind, rng: np.random.Generator) -> Drawn[W
     return Drawn(with_capture_target(replace(witness.body, obstacles=spheres), problem), witness)
 
 
-def _beside_bodies(swept: Swept, passing: Sphere, times: Array) -> Sphere | None:
+def _beside_bodies(swept: Swept, passing: Obstacle, times: Array) -> Obstacle | None:
     """Return a moving sphere, shrunk to stay clear of the robot's bodies; None: too small."""
-    centers = passing.center + times[:, None] * passing.velocity
+    centers = passing.center + times[:, None] * passing.motion.velocity
     room = sphere_gap(swept, passing, _CLEAR, centers) - _CLEAR
     radius = passing.radius + min(room, 0.0)
-    return replace(passing, radius=radius) if radius >= _SMALLEST else None
+    if radius < _SMALLEST:
+        return None
+    return Obstacle.sphere(passing.id, passing.center, radius, passing.motion.velocity)
 
 
 def _grip(robot: Robot, kind: Kind, ahead: Array, rng: np.random.Generator) -> Grip:
@@ -202,7 +207,7 @@ def _attached(
     swept: Swept | None,
     lever: float,
     rng: np.random.Generator,
-) -> tuple[AttachedSphere, ...]:
+) -> tuple[AttachedObstacle, ...]:
     """Draw spheres of a body that stay away from the arm and the chaser.
 
     Half of them are beside the arm's path in the body's frame, the others anywhere in the body.
@@ -219,7 +224,7 @@ def _attached(
     seen = (points - motion.positions[:, None]) @ motion.rotations
     seen = np.linspace(seen[:, starts], seen[:, starts + 1], 9).reshape(-1, 3)
     seen = seen[np.linalg.norm(seen, axis=1) < lever + _AROUND]
-    chosen = list[AttachedSphere]()
+    chosen = list[AttachedObstacle]()
     for number in range(_CANDIDATES):
         center, radius = _EXTENT * rng.uniform(-1.0, 1.0, 3), rng.uniform(_SMALLEST, _LARGEST)
         if number % 2 and len(seen):
@@ -229,7 +234,8 @@ def _attached(
         if robot.base is Base.PLANAR:
             center[2] = 0.0
         places = body.places(center[None], times)[:, 0]
-        sphere = Sphere("", places[0], radius, np.zeros(3), body, center)
+        fixed = RigidMotion.fixed_to(body, pin.SE3(np.eye(3), center))
+        sphere = Obstacle("drawn", Solid("sphere", np.array([radius])), fixed)
         if swept:
             clear = sphere_gap(swept, sphere, _CLEAR, places) - _CLEAR
         else:
@@ -238,7 +244,7 @@ def _attached(
         radius += min(clear, away, 0.0)
         if radius < _SMALLEST:
             continue
-        chosen.append(AttachedSphere(f"part_{len(chosen) + 1}", center, radius))
+        chosen.append(AttachedObstacle.sphere(f"part_{len(chosen) + 1}", center, radius))
         if len(chosen) == count:
             break
     return tuple(chosen)

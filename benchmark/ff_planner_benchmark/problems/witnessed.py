@@ -21,10 +21,10 @@ from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Objective,
+    Obstacle,
     Orientation,
     PlanningProblem,
     Posture,
-    Sphere,
     Target,
 )
 from ff_planner_ros.problems.drawn import Drawn, asked, first_sound, state
@@ -175,7 +175,7 @@ def _least_at_goal(robot: Robot, q: Array, orientation: Orientation) -> float:
 
 def spheres_beside(
     robot: Robot, way: Array, times: Array, most: int, speed: float, rng: np.random.Generator
-) -> tuple[Sphere, ...]:
+) -> tuple[Obstacle, ...]:
     """Draw spheres of constant velocity near a motion of the arm that stay clear of it.
 
     Args:
@@ -185,7 +185,7 @@ def spheres_beside(
     """
     points = arm_points(robot, way)
     starts = segments(points)
-    chosen = list[Sphere]()
+    chosen = list[Obstacle]()
     for _ in range(_CANDIDATES if most else 0):
         time, link = rng.integers(len(way)), rng.choice(starts)
         along, radius = rng.uniform(), rng.uniform(_SMALLEST, _LARGEST)
@@ -194,12 +194,13 @@ def spheres_beside(
             aside[2] = velocity[2] = 0.0
         at = (1.0 - along) * points[time, link] + along * points[time, link + 1]
         at = at + aside / np.linalg.norm(aside) * (radius + _CLEAR)
-        sphere = Sphere(f"s{len(chosen) + 1}", at - times[time] * velocity, radius, velocity)
+        name, begin = f"s{len(chosen) + 1}", at - times[time] * velocity
+        sphere = Obstacle.sphere(name, begin, radius, velocity)
         clear = float(clearances(points, times, starts, [sphere]).distance.min())
         if clear < _CLEAR:
             if radius + clear - _CLEAR < _SMALLEST:
                 continue
-            sphere = replace(sphere, radius=radius + clear - _CLEAR)
+            sphere = Obstacle.sphere(name, begin, radius + clear - _CLEAR, velocity)
         chosen.append(sphere)
         if len(chosen) == most:
             break

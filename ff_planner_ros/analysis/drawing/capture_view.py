@@ -16,6 +16,7 @@ from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -83,8 +84,8 @@ def _draw_view(
     here = list(plane)
     moments = np.array([0.0, problem.duration])
     for number, sphere in enumerate(problem.spheres):
-        center = np.array([sphere.center + sphere.way(time) for time in moments])
-        begin, end = _seen(body, moments, center[:, None], rides)[:, 0][:, here]
+        centers = obstacle_poses(sphere, moments)[1]
+        begin, end = _seen(body, moments, centers[:, None], rides)[:, 0][:, here]
         labels = ("sphere at the start", "at the capture") if number == 0 else (None, None)
         if not rides or sphere.body is None:
             circle = Circle(tuple(begin), sphere.radius, label=labels[0], **_AT_START)

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface, outline, placed
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
@@ -29,12 +30,11 @@ def view_from_above(problem: PlanningProblem, motions: Mapping[Method, Trajector
     figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     axes = figure.add_subplot()
     for sphere in problem.spheres:
-        way = sphere.way(problem.duration)
-        axes.add_patch(Circle(tuple(sphere.center[:2]), sphere.radius, color=_OBSTACLE))
-        if way.any():
-            end = sphere.center + way
-            axes.add_patch(Circle(tuple(end[:2]), sphere.radius, fill=False, ls="--", ec=_OBSTACLE))
-        axes.annotate(sphere.id, tuple(sphere.center[:2]), ha="center", va="center", fontsize=8)
+        begin, end = obstacle_poses(sphere, np.array([0.0, problem.duration]))[1][:, :2]
+        axes.add_patch(Circle(tuple(begin), sphere.radius, color=_OBSTACLE))
+        if sphere.moves:
+            axes.add_patch(Circle(tuple(end), sphere.radius, fill=False, ls="--", ec=_OBSTACLE))
+        axes.annotate(sphere.id, tuple(begin), ha="center", va="center", fontsize=8)
     for body in problem.obstacle_bodies:
         corners, _ = obstacle_surface(body, _AROUND)
         begin, end = placed(body, corners, np.array([0.0, problem.duration]))[..., :2]

@@ -6,13 +6,13 @@ import numpy as np
 
 from ff_planner_ros.analysis.drawing.solids import Triangles, surface_of
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_geometry, obstacle_poses
-from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere
+from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 
 
 def obstacle_surface(one: Obstacle, around: int) -> tuple[Array, Triangles]:
     """Return the surface of an obstacle in its own frame; a circle has `around` corners."""
-    return surface_of(obstacle_geometry(one), around)
+    return surface_of(one.solid.geometry, around)
 
 
 def placed(one: Obstacle, corners: Array, times: Array) -> Array:
@@ -39,5 +39,4 @@ def outline(points: Array) -> Array:
 
 def obstacle_words(one: Obstacle) -> str:
     """Return an obstacle's id, shape and size."""
-    shape = f"radius {one.radius:g}" if isinstance(one, Sphere) else one.solid.words
-    return f"{one.id}, {shape} m" if isinstance(one, Sphere) else f"{one.id}, {shape}"
+    return f"{one.id}, {f'radius {one.radius:g} m' if one.is_sphere else one.solid.words}"

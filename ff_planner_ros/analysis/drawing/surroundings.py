@@ -23,7 +23,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.problem.camera import Camera
-from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
@@ -71,7 +71,7 @@ def drawn_obstacles(drawn: Sequence[Obstacle], count: int) -> list[go.Mesh3d]:
             legendgroup="obstacles",
             showlegend=number == 0,
             hovertemplate=f"{html.escape(obstacle_words(one))}<extra></extra>",
-            flatshading=not isinstance(one, Sphere),
+            flatshading=not one.is_sphere,
         )
         for number, (one, (corners, triangles)) in enumerate(zip(drawn, surfaces, strict=True))
     ]

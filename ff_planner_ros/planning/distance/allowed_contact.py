@@ -35,7 +35,7 @@ from ff_planner_ros.planning.distance.start_room import (
     room_of_pairs,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
@@ -254,7 +254,7 @@ def _at_goal_from(robot: Robot, scene: Scene, q: Array, times: Array) -> int:
 def _distance(robot: Robot, body: int, obstacle: Obstacle, q: Array, times: Array) -> float:
     """Return the distance of a body, by its number, from an obstacle at one time [m]."""
     placed, row = placed_bodies(robot, q[:, 7:]), (_FIRST, np.array([body]), _FIRST)
-    if isinstance(obstacle, Sphere):
+    if obstacle.is_sphere:
         centers = centers_in_base(q, centers_at(times, [obstacle]))
         found = sphere_distances(robot, placed, centers, np.array([obstacle.radius]), row)
     else:

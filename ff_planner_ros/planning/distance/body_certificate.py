@@ -37,7 +37,6 @@ from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_bounds,
     obstacle_distances,
-    obstacle_geometry,
     seen_from_chaser,
 )
 from ff_planner_ros.planning.motion.certified_least import (
@@ -49,7 +48,7 @@ from ff_planner_ros.planning.motion.certified_least import (
     certified_least,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Obstacle, ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
@@ -109,7 +108,7 @@ def least_pair_distance(robot: Robot, motion: FollowedMotion, chosen: Indices, l
 def least_sphere_distance(
     robot: Robot,
     motion: FollowedMotion,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[Obstacle],
     chosen: Indices,
     last: int,
     gap: float = CERTIFICATE_GAP,
@@ -148,7 +147,7 @@ def least_sphere_distance(
 def least_obstacle_distance(
     robot: Robot,
     motion: FollowedMotion,
-    obstacles: Sequence[ObstacleBody],
+    obstacles: Sequence[Obstacle],
     chosen: Indices,
     last: int,
     gap: float = CERTIFICATE_GAP,
@@ -189,7 +188,7 @@ def _beside(
 ) -> _Kind:
     """Return bodies and obstacles as what is measured."""
     speeds = np.array([one.highest_speed for one in obstacles])
-    solids, others = _solids(robot), [obstacle_geometry(one) for one in obstacles]
+    solids, others = _solids(robot), [one.solid.geometry for one in obstacles]
     of_bodies = _sums(body_ways(robot, motion))
 
     def moved(steps: Array, which: Indices) -> Array:

@@ -35,7 +35,7 @@ from ff_planner_ros.planning.distance.body_reaches import (
 )
 from ff_planner_ros.planning.distance.certificate import cubics_between, slides
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Obstacle, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 
 
@@ -225,14 +225,12 @@ def _bounds_of(obstacles: tuple[Obstacle, ...]) -> Array:
     """
     found = []
     for one in obstacles:
-        if isinstance(one, Sphere):
-            found.append((one.highest_speed, one.highest_acceleration, 0.0, 0.0, one.radius))
-            continue
-        body, place, reach = one.body, one.place_in_body, one.solid.reach
-        turn = float(np.linalg.norm(one.angular_velocity)) if body is None else body.fastest_turn
-        lever = reach if place is None else reach + float(np.linalg.norm(place.translation))
-        # Twice: a free body's rate changes by its square at most, as of `Sphere`.
-        found.append((one.highest_speed, 2 * turn**2 * lever, turn, reach, 2 * one.solid.radius))
+        motion, reach = one.motion, one.reach
+        highest = one.highest_speed, motion.highest_acceleration(reach)
+        if one.is_sphere:
+            found.append((*highest, 0.0, 0.0, one.radius))
+        else:
+            found.append((*highest, motion.highest_rate, reach, 2 * one.radius))
     return np.array(found).T
 
 

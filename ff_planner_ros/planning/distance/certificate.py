@@ -25,7 +25,7 @@ from ff_planner_ros.planning.distance.start_room import (
     room_of_lines,
     room_of_obstacles,
 )
-from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.robot.model import Robot
 
 # The search's certificate and those of bodies are below the truth by at most this [m]: thinner than
@@ -71,7 +71,7 @@ def certified_clearance(
     q: Array,
     v: Array,
     times: Array,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[Obstacle],
     positions: Array | None = None,
     gap: float = LINES_GAP,
 ) -> float:
@@ -107,7 +107,7 @@ def certified_clearance(
     centers = centers_at(times, spheres)
     by_sphere = clearances(positions, times, starts, spheres, centers).distance.min(axis=1)
     speeds = highest_speeds(spheres)
-    changes = np.array([sphere.highest_acceleration for sphere in spheres])
+    changes = np.array([sphere.motion.highest_acceleration(0.0) for sphere in spheres])
     # Of arm and sphere together, in each interval. Shape (points - 1, spheres).
     ways = way[:, None] + steps[:, None] * speeds
     bends = bend_bounds(*arm)[:, None] + steps[:, None] ** 2 * changes

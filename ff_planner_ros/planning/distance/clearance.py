@@ -18,7 +18,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import chain_of, sphere_arrays
-from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.kinematics import joint_frames
 from ff_planner_ros.robot.model import Robot
 
@@ -66,20 +66,19 @@ def segments(positions: Array) -> Indices:
     return np.flatnonzero((length > _SAME_POINT).any(axis=0))
 
 
-def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
+def centers_at(times: Array, spheres: Sequence[Obstacle]) -> Array:
     """Return the spheres' centres in the inertial frame. Shape (points, spheres, 3) [m]."""
     centers, velocities, _ = sphere_arrays(spheres)
     moved: Array = centers + times[:, None, None] * velocities
     bodies = {id(sphere.body): sphere.body for sphere in spheres if sphere.body is not None}
     for body in bodies.values():
         attached = [k for k, sphere in enumerate(spheres) if sphere.body is body]
-        moved[:, attached] = body.places(
-            np.array([spheres[k].place_in_body for k in attached], np.float64), times
-        )
+        levers = np.array([spheres[k].motion.lever for k in attached])
+        moved[:, attached] = body.places(levers, times)
     return moved
 
 
-def highest_speeds(spheres: Sequence[Sphere]) -> Array:
+def highest_speeds(spheres: Sequence[Obstacle]) -> Array:
     """Return upper bounds of the speeds of the spheres' centres. Shape (spheres,) [m/s]."""
     _, velocities, _ = sphere_arrays(spheres)
     speeds: Array = np.linalg.norm(velocities, axis=1)
@@ -93,9 +92,9 @@ def may_be_nearest(
     positions: Array,
     times: Array,
     starts: Indices,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[Obstacle],
     moved: Array | float = 0.0,
-) -> list[Sphere]:
+) -> list[Obstacle]:
     """Return the spheres that are not surely further from the arm than another one.
 
     A sphere is left out whose distance from the box around all `positions` exceeds a distance of
@@ -120,7 +119,7 @@ def clearances(
     positions: Array,
     times: Array,
     starts: Indices,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[Obstacle],
     centers: Array | None = None,
 ) -> Clearances:
     """Return the surface distance of every segment from every sphere.

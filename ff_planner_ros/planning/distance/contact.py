@@ -197,7 +197,7 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
             if distance <= 0.0 and number * len(spheres) + index not in allowed:
                 found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
         for index, one in enumerate(obstacles):
-            rotations, positions = one.poses(np.array([problem.duration]))
+            rotations, positions = one.motion.poses(np.array([problem.duration]))
             there = pin.SE3(rotations[0], positions[0])
             distance = distance_between(body.solid, place, one.solid.geometry, there)
             if distance <= 0.0 and number * len(obstacles) + index not in others:

@@ -26,15 +26,10 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_bounds,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.problem.obstacles import Obstacle, ObstacleBody, Sphere
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
-
-
-def obstacle_geometry(one: Obstacle) -> coal.CollisionGeometry:
-    """Return the Coal geometry of an obstacle, in the obstacle's own frame."""
-    return coal.Sphere(one.radius) if isinstance(one, Sphere) else one.solid.geometry
 
 
 def obstacle_poses(one: Obstacle, times: Array) -> tuple[Array, Array]:
@@ -43,9 +38,9 @@ def obstacle_poses(one: Obstacle, times: Array) -> tuple[Array, Array]:
     Args:
         times: From the plan's first point on. Shape (times,) [s].
     """
-    if isinstance(one, Sphere):
+    if one.is_sphere:
         return np.broadcast_to(np.eye(3), (len(times), 3, 3)), centers_at(times, [one])[:, 0]
-    return one.poses(times)
+    return one.motion.poses(times)
 
 
 def obstacle_place(one: Obstacle, time: float) -> pin.SE3:
@@ -63,11 +58,8 @@ def around_obstacles(obstacles: Sequence[Obstacle], times: Array) -> tuple[Array
     centers, radii = np.empty((len(times), len(obstacles), 3)), np.empty(len(obstacles))
     for number, one in enumerate(obstacles):
         rotations, centers[:, number] = obstacle_poses(one, times)
-        if isinstance(one, Sphere):
-            radii[number] = one.radius
-        else:
-            centers[:, number] += rotations @ one.solid.center
-            radii[number] = one.solid.radius
+        centers[:, number] += rotations @ one.solid.center
+        radii[number] = one.radius
     return centers, radii
 
 
@@ -78,7 +70,7 @@ class Poses(NamedTuple):
     positions: Array  # of their origins; shape (configurations, obstacles, 3) [m]
 
 
-def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[ObstacleBody]) -> Poses:
+def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[Obstacle]) -> Poses:
     """Return the poses of obstacles in the base frame.
 
     Args:
@@ -93,7 +85,7 @@ def seen_from_chaser(q: Array, times: Array, obstacles: Sequence[ObstacleBody]) 
     )
 
 
-def body_centers(obstacles: Sequence[ObstacleBody], times: Array) -> Array:
+def body_centers(obstacles: Sequence[Obstacle], times: Array) -> Array:
     """Return the centres of obstacles' bounding spheres. Shape (times, obstacles, 3) [m].
 
     Args:
@@ -110,15 +102,19 @@ def body_centers(obstacles: Sequence[ObstacleBody], times: Array) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _uniform_centers(obstacles: tuple[ObstacleBody, ...]) -> tuple[Array, Array, list[int]]:
+def _uniform_centers(obstacles: tuple[Obstacle, ...]) -> tuple[Array, Array, list[int]]:
     """Return centres at the plan's first point, their velocities, and who rotates."""
-    begins = [one.position + one.rotation @ one.solid.center for one in obstacles]
-    velocities = [one.velocity for one in obstacles]
-    turning = [number for number, one in enumerate(obstacles) if one.turns]
+    moved = [one.motion for one in obstacles]
+    begins = [
+        motion.position + motion.rotation @ one.solid.center
+        for motion, one in zip(moved, obstacles, strict=True)
+    ]
+    velocities = [motion.velocity for motion in moved]
+    turning = [number for number, motion in enumerate(moved) if motion.turns]
     return frozen(np.reshape(begins, (-1, 3))), frozen(np.reshape(velocities, (-1, 3))), turning
 
 
-def poses_at(times: Array, obstacles: Sequence[ObstacleBody]) -> tuple[Array, Array]:
+def poses_at(times: Array, obstacles: Sequence[Obstacle]) -> tuple[Array, Array]:
     """Return axes to inertial axes, (times, obstacles, 3, 3), and origins, (..., 3) [m].
 
     The motion of a target body is computed once for all that is fixed to it.
@@ -131,11 +127,11 @@ def poses_at(times: Array, obstacles: Sequence[ObstacleBody]) -> tuple[Array, Ar
     fixed: dict[int, tuple[TargetBody, list[int]]] = {}
     for number, one in enumerate(obstacles):
         if one.body is None:
-            rotations[:, number], positions[:, number] = one.poses(times)
+            rotations[:, number], positions[:, number] = one.motion.poses(times)
         else:
             fixed.setdefault(id(one.body), (one.body, []))[1].append(number)
     for body, held in fixed.values():
-        every = [obstacles[number].place_in_body for number in held]
+        every = [obstacles[number].motion.place_in_body for number in held]
         places, turned = (
             [place for place in every if place is not None],
             body.motion(np.zeros(3), times),
@@ -150,7 +146,7 @@ def poses_at(times: Array, obstacles: Sequence[ObstacleBody]) -> tuple[Array, Ar
 
 
 def obstacle_bounds(
-    robot: Robot, placed: Placed, q: Array, times: Array, obstacles: Sequence[ObstacleBody]
+    robot: Robot, placed: Placed, q: Array, times: Array, obstacles: Sequence[Obstacle]
 ) -> Array:
     """Return lower bounds of the distances of bodies from obstacles, by bounding spheres.
 
@@ -170,7 +166,7 @@ def obstacle_distances(
     robot: Robot,
     placed: Placed,
     poses: Poses,
-    obstacles: Sequence[ObstacleBody],
+    obstacles: Sequence[Obstacle],
     rows: tuple[Indices, ...],
 ) -> Distances:
     """Measure bodies against obstacles; places and axes are in the base frame.
@@ -247,6 +243,6 @@ def nearest_points(
 
 
 @lru_cache(maxsize=4096)
-def _measure(robot: Robot, body: int, obstacle: ObstacleBody) -> coal.ComputeDistance:
+def _measure(robot: Robot, body: int, obstacle: Obstacle) -> coal.ComputeDistance:
     # Coal keeps no reference to the solids: the cache keeps those that it is asked for.
     return coal.ComputeDistance(robot.bodies[body].solid, obstacle.solid.geometry)

@@ -18,7 +18,7 @@ from ff_planner_ros.planning.distance.certificate import (
 )
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, Sphere, bodies_in, spheres_in
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.robot.model import Robot
 
 
@@ -27,7 +27,7 @@ def search_certificate(
     q: Array,
     v: Array,
     times: Array,
-    spheres: Sequence[Sphere],
+    spheres: Sequence[Obstacle],
     gap: float = CERTIFICATE_GAP,
     part: float = 0.0,
 ) -> float:
@@ -68,7 +68,7 @@ def search_pair_distance(
 def search_distance(
     robot: Robot,
     motion: FollowedMotion,
-    others: Sequence[Sphere] | Sequence[ObstacleBody],
+    others: Sequence[Obstacle],
     chosen: Indices,
     last: int,
     part: float,
@@ -77,12 +77,12 @@ def search_distance(
     """Return likewise that of `least_sphere_distance` or of `least_obstacle_distance` [m]."""
     if not len(chosen) or last < 0:
         return np.inf
-    spheres, until = spheres_in(others), float(motion.time[-1])
+    until, are_spheres = float(motion.time[-1]), others[0].is_sphere
     return compiled.certified_distance(
         _cubic_motion(robot, motion),
         bodies_of(robot),
         body_ways(robot, motion),
-        spheres_of(spheres, until) if spheres else obstacles_of(bodies_in(others), until),
+        spheres_of(others, until) if are_spheres else obstacles_of(others, until),
         chosen,
         last,
         gap,

@@ -17,7 +17,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     obstacle_distances,
     seen_from_chaser,
 )
-from ff_planner_ros.planning.problem.problem import ObstacleBody, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -68,7 +68,7 @@ def room_of_obstacles(problem: PlanningProblem) -> Array:
 
 
 @lru_cache(maxsize=4)
-def _lines_from_spheres(robot: Robot, start: SystemState, spheres: tuple[Sphere, ...]) -> Array:
+def _lines_from_spheres(robot: Robot, start: SystemState, spheres: tuple[Obstacle, ...]) -> Array:
     q, _ = configuration(robot, start)
     every = np.arange(robot.joints)
     return frozen(clearances(arm_points(robot, q[None]), np.zeros(1), every, spheres).distance[0])
@@ -82,7 +82,7 @@ def _room_of_pairs(robot: Robot, start: SystemState) -> Array:
 
 
 @lru_cache(maxsize=4)
-def _room_of_bodies(robot: Robot, start: SystemState, obstacles: tuple[Sphere, ...]) -> Array:
+def _room_of_bodies(robot: Robot, start: SystemState, obstacles: tuple[Obstacle, ...]) -> Array:
     q, _ = configuration(robot, start)
     centers, _, radius = sphere_arrays(obstacles)
     shape = len(robot.bodies), len(radius)
@@ -93,9 +93,7 @@ def _room_of_bodies(robot: Robot, start: SystemState, obstacles: tuple[Sphere, .
 
 
 @lru_cache(maxsize=4)
-def _room_of_obstacles(
-    robot: Robot, start: SystemState, obstacles: tuple[ObstacleBody, ...]
-) -> Array:
+def _room_of_obstacles(robot: Robot, start: SystemState, obstacles: tuple[Obstacle, ...]) -> Array:
     q, _ = configuration(robot, start)
     robot = with_bodies(robot)
     shape = len(robot.bodies), len(obstacles)

@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, with_attached
+from ff_planner_ros.planning.problem.obstacles import Obstacle, with_attached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.target_body import TargetBody
@@ -138,15 +138,11 @@ class SystemFrame:
         )
 
     def _obstacle_here(self, one: Obstacle) -> Obstacle:
-        velocity = self._velocity_here(one.velocity)
-        if isinstance(one, Sphere):
-            return replace(one, center=self._place_here(one.center, 0.0), velocity=velocity)
-        return replace(
-            one,
-            position=self._place_here(one.position, 0.0),
-            quaternion_xyzw=self._attitude_here(one.quaternion_xyzw),
-            velocity=velocity,
-            angular_velocity=self._vector_here(one.angular_velocity, _OTHER),
+        return one.with_motion(
+            position=self._place_here(one.motion.position, 0.0),
+            quaternion_xyzw=self._attitude_here(one.motion.quaternion_xyzw),
+            velocity=self._velocity_here(one.motion.velocity),
+            angular_velocity=self._vector_here(one.motion.angular_velocity, _OTHER),
         )
 
     def _place_here(self, point: Array, time: float) -> Array:

@@ -12,7 +12,7 @@ from ff_planner_ros.planning.paths.even_normals import even_normals
 from ff_planner_ros.planning.paths.outlines import BESIDE, Hit, around_body
 from ff_planner_ros.planning.paths.path_family import Motion
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
-from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, bodies_in, spheres_in
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.robot.model import Robot
 
 # The free term's bump, 1 at the middle of the path, is flat at its ends: an obstacle there is not
@@ -35,8 +35,12 @@ def detours(
 ) -> Iterator[Array]:
     """Yield coefficients, shape (18,), of four detours around the obstacle that is hit deepest."""
     points = len(straight.q)
-    of_spheres = _around_sphere(robot, straight, duration, spheres_in(obstacles))
-    of_bodies = around_body(robot, straight, duration, bodies_in(obstacles))
+    of_spheres = _around_sphere(
+        robot, straight, duration, [one for one in obstacles if one.is_sphere]
+    )
+    of_bodies = around_body(
+        robot, straight, duration, [one for one in obstacles if not one.is_sphere]
+    )
     hits = [hit for hit in (of_spheres, of_bodies) if hit is not None]
     for hit in sorted(hits, key=lambda hit: -hit.depth)[:1]:
         s = np.linspace(0.0, 1.0, 2 * points - 1)[hit.half_step]
@@ -48,7 +52,7 @@ def detours(
 
 
 def _around_sphere(
-    robot: Robot, straight: Motion, duration: float, spheres: Sequence[Sphere]
+    robot: Robot, straight: Motion, duration: float, spheres: Sequence[Obstacle]
 ) -> Hit | None:
     """Return the detours around the sphere that the lines enter deepest; None: they enter none."""
     positions = arm_points(robot, straight.q)
@@ -61,7 +65,8 @@ def _around_sphere(
     sphere, depth = spheres[int(deepest[2])], -clear.distance[deepest]
     radius = sphere.radius
     # Across the end effector's motion relative to the sphere.
-    aside = np.cross(out, positions[-1, -1] - positions[0, -1] - sphere.way(duration))
+    way = sphere.motion.way(duration)
+    aside = np.cross(out, positions[-1, -1] - positions[0, -1] - way)
     aside /= max(float(np.linalg.norm(aside)), 1e-9)
     ways = (
         out * (depth + BESIDE),

@@ -15,7 +15,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     seen_from_chaser,
 )
 from ff_planner_ros.planning.paths.path_family import Motion
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
@@ -38,7 +38,7 @@ class Hit(NamedTuple):
 
 
 def around_body(
-    robot: Robot, straight: Motion, duration: float, obstacles: Sequence[ObstacleBody]
+    robot: Robot, straight: Motion, duration: float, obstacles: Sequence[Obstacle]
 ) -> Hit | None:
     """Return the detours around the body that a path enters deepest; None: it enters none.
 
@@ -60,7 +60,7 @@ def around_body(
     here = q[at, :3] + to_inertial[at] @ found.point[deepest]
     before, after = max(at - 1, 0), min(at + 1, len(q) - 1)
     centers = q[:, :3] + np.einsum("cij,cj->ci", to_inertial, placed.centers[:, body])
-    turned, origins = one.poses(times[[before, at, after]])
+    turned, origins = one.motion.poses(times[[before, at, after]])
     held = turned[1].T @ (here - origins[1])  # of the obstacle, where it is hit
     seen = centers[after] - centers[before] - (turned[2] @ held + origins[2])
     seen += turned[0] @ held + origins[0]

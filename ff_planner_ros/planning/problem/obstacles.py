@@ -1,32 +1,28 @@
-"""Obstacles: spheres, and convex bodies of other shapes.
-
-They rest, move uniformly, rotate at a constant angular velocity (bodies only), or are fixed to a
-target body.
-"""
+"""Obstacles: convex solids, each with a rigid motion."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, finite_vector, frozen, no_turn
-from ff_planner_ros.common.declared import check_declared, declare, declare_velocity
-from ff_planner_ros.common.declared_parts import one_of_parts, part
-from ff_planner_ros.common.forms import NAME, QUATERNION, Form, a_number, a_vector
+from ff_planner_ros.common.arrays import Array, frozen, no_turn, zero_vector
+from ff_planner_ros.common.declared import (
+    check_declared,
+    declare,
+    declare_inline,
+    declare_velocity,
+)
+from ff_planner_ros.common.declared_parts import part_or_entry
+from ff_planner_ros.common.forms import NAME, QUATERNION, Form, a_vector
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.target_body import (
-    MOST_TURNS,
-    AttachedBody,
-    AttachedSphere,
-    TargetBody,
-)
-from ff_planner_ros.robot.collision.solids import SHAPE, SHAPE_SENTENCE, MeshFile, Solid
+from ff_planner_ros.planning.problem.target_body import MOST_TURNS, TargetBody
+from ff_planner_ros.robot.collision.solids import RADIUS, SPHERE, MeshFile, Shaped, Solid
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 from ff_planner_ros.robot.rotation import cross
@@ -34,103 +30,13 @@ from ff_planner_ros.robot.urdf.meshes import Meshes
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere:
-    """A sphere that rests, moves uniformly, or is fixed to a target body and moves with it.
-
-    Raises:
-        InvalidInput: Wrong size, not finite, or a radius that is not positive.
-    """
-
-    id: str = declare(
-        NAME,
-        "name in messages, unique",
-        message="id",
-    )
-    center: Array = declare(
-        a_vector(),
-        "at the plan's first point, not when the state was measured",
-        unit="m",
-        message="center",
-    )
-    radius: float = declare(
-        a_number(above=0.0),
-        "obstacle plus link",
-        unit="m",
-        message="radius",
-    )
-    # Of one that is fixed to a body, at the plan's first point
-    velocity: Array = declare_velocity("linear", "constant", brief=True)
-    body: TargetBody | None = None  # that it is fixed to, if any
-    place_in_body: Array | None = None  # of its centre then, in the body's frame; shape (3,) [m]
-
-    FACTS = ("id", "center", "radius", "velocity")
-    __repr__ = in_a_line
-
-    def __post_init__(self) -> None:
-        """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"obstacles[{self.id}]", body=TargetBody)
-        if self.place_in_body is not None:
-            place = finite_vector("place_in_body", self.place_in_body, 3)
-            object.__setattr__(self, "place_in_body", place)
-
-    @property
-    def moves(self) -> bool:
-        """Whether its centre moves."""
-        return self.body is not None or bool(self.velocity.any())
-
-    @property
-    def highest_speed(self) -> float:
-        """Upper bound of the speed of its centre [m/s]."""
-        if self.body is None or self.place_in_body is None:
-            return float(np.linalg.norm(self.velocity))
-        drift = float(np.linalg.norm(self.body.linear_velocity))
-        return drift + self.body.fastest_turn * float(np.linalg.norm(self.place_in_body))
-
-    @property
-    def highest_acceleration(self) -> float:
-        """Upper bound of the acceleration of its centre [m/s2].
-
-        |w'| <= w^2 for the angular velocity w of a free body, by Euler's equations, as no principal
-        moment is larger than the sum of both others.
-        """
-        if self.body is None or self.place_in_body is None:
-            return 0.0
-        return 2.0 * self.body.fastest_turn**2 * float(np.linalg.norm(self.place_in_body))
-
-    def after(self, time: float) -> Sphere:
-        """Return the sphere as it will be after a time [s], with the body that it is fixed to."""
-        there = replace(self, center=self.center + self.way(time))
-        if self.body is None or self.place_in_body is None:
-            return there
-        motion = self.body.motion(self.place_in_body, np.array([time]))
-        return replace(there, velocity=motion.twists[0, :3], body=self.body.after(time))
-
-    def way(self, time: float) -> Array:
-        """Return the displacement of its centre since the plan's first point. Shape (3,) [m]."""
-        if self.body is None or self.place_in_body is None:
-            uniform: Array = time * self.velocity
-            return uniform
-        there = self.body.places(self.place_in_body[None], np.array([time]))
-        return np.asarray(there[0, 0] - self.center, np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class ObstacleBody:
-    """An obstacle of any convex shape.
-
-    It rests, moves uniformly and rotates at a constant angular velocity about the origin of its
-    shape's frame, or is fixed to a target body and moves with it.
+class RigidMotion:
+    """The motion of a frame: uniform with a constant angular velocity, or that of a target body.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
     """
 
-    id: str = declare(NAME, "name in messages, unique", message="id")
-    shape: Solid | MeshFile = declare(
-        SHAPE,
-        SHAPE_SENTENCE,
-        unit="m",
-    )
     position: Array = declare(
         a_vector(),
         "of the shape's frame, at the plan's first point",
@@ -143,45 +49,42 @@ class ObstacleBody:
         default_factory=no_turn,
         message="pose.orientation",
     )
+    # Of a frame that is fixed to a body, at the plan's first point
     velocity: Array = declare_velocity("linear", "constant", brief=True)
     angular_velocity: Array = declare_velocity("angular", "in inertial axes, constant", brief=True)
-    body: TargetBody | None = None  # that it is fixed to, if any
-    place_in_body: pin.SE3 | None = None  # of the shape's frame then, in the body's frame
+    body: TargetBody | None = None  # that the frame is fixed to, if any
+    place_in_body: pin.SE3 | None = None  # of the frame then, in the body's frame
 
-    FACTS = ("id", "shape", "position", "velocity", "angular_velocity")
+    FACTS = ("position", "velocity", "angular_velocity")
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"obstacles[{self.id}]", body=TargetBody, place_in_body=pin.SE3)
+        check_declared(self, "motion", body=TargetBody, place_in_body=pin.SE3)
 
-    @property
-    def solid(self) -> Solid:
-        """Its shape.
-
-        Raises:
-            InvalidInput: The shape is a mesh file that has not been read.
-        """
-        if isinstance(self.shape, MeshFile):
-            told, allowed = f"obstacles[{self.id}].shape", "its file must be read before"
-            raise InvalidInput(Status.UNSUPPORTED, told, self.shape.file, allowed)
-        return self.shape
+    @classmethod
+    def fixed_to(cls, body: TargetBody, place: pin.SE3) -> RigidMotion:
+        """Return the motion of a frame that is fixed to a body, at a place in the body's frame."""
+        to_inertial, rate = rotation_from_quaternion(body.quaternion_xyzw), body.angular_velocity
+        lever = to_inertial @ place.translation
+        return cls(
+            position=body.position + lever,
+            quaternion_xyzw=eigen_quaternion(to_inertial @ place.rotation),
+            velocity=body.linear_velocity + cross(rate, lever),
+            angular_velocity=rate,
+            body=body,
+            place_in_body=place,
+        )
 
     @property
     def moves(self) -> bool:
-        """Whether its pose changes."""
+        """Whether the pose changes."""
         return self.turns or bool(self.velocity.any())
 
-    @cached_property
-    def highest_speed(self) -> float:
-        """Upper bound of the speed of all its points [m/s]."""
-        reach = self.solid.reach
-        if self.body is None or self.place_in_body is None:
-            turn = float(np.linalg.norm(self.angular_velocity))
-            return float(np.linalg.norm(self.velocity)) + turn * reach
-        drift = float(np.linalg.norm(self.body.linear_velocity))
-        arm = float(np.linalg.norm(self.place_in_body.translation))
-        return drift + self.body.fastest_turn * (arm + reach)
+    @property
+    def turns(self) -> bool:
+        """Whether the attitude changes."""
+        return self.body is not None or bool(self.angular_velocity.any())
 
     @cached_property
     def rotation(self) -> Array:
@@ -189,9 +92,30 @@ class ObstacleBody:
         return frozen(rotation_from_quaternion(self.quaternion_xyzw))
 
     @property
-    def turns(self) -> bool:
-        """Whether its attitude changes."""
-        return self.body is not None or bool(self.angular_velocity.any())
+    def highest_rate(self) -> float:
+        """Upper bound of the angular velocity [rad/s]."""
+        if self.body is None:
+            return float(np.linalg.norm(self.angular_velocity))
+        return self.body.fastest_turn
+
+    @property
+    def lever(self) -> Array:
+        """Its origin in the frame of the body that it is fixed to, zero without. Shape (3,) [m]."""
+        return np.zeros(3) if self.place_in_body is None else self.place_in_body.translation
+
+    def highest_speed(self, reach: float) -> float:
+        """Return an upper bound of the speed of points within a reach [m] of the origin [m/s]."""
+        drift = self.velocity if self.body is None else self.body.linear_velocity
+        lever = float(np.linalg.norm(self.lever)) + reach
+        return float(np.linalg.norm(drift)) + self.highest_rate * lever
+
+    def highest_acceleration(self, reach: float) -> float:
+        """Return an upper bound of the acceleration of points within a reach [m/s2].
+
+        |w'| <= w^2 for the angular velocity w of a free body, by Euler's equations, as no principal
+        moment is larger than the sum of both others.
+        """
+        return 2.0 * self.highest_rate**2 * (float(np.linalg.norm(self.lever)) + reach)
 
     def poses(self, times: Array) -> tuple[Array, Array]:
         """Return its axes to inertial axes, (times, 3, 3), and its origin, (times, 3) [m].
@@ -200,7 +124,7 @@ class ObstacleBody:
             times: From the plan's first point on. Shape (times,) [s].
         """
         if self.body is not None and self.place_in_body is not None:
-            motion = self.body.motion(self.place_in_body.translation, times)
+            motion = self.body.motion(self.lever, times)
             return motion.rotations @ self.place_in_body.rotation, motion.positions
         positions = self.position + times[:, None] * self.velocity
         if not self.turns:
@@ -210,59 +134,165 @@ class ObstacleBody:
 
     def twists(self, times: Array) -> Array:
         """Return the twists of its origin, linear part first, inertial axes. Shape (times, 6)."""
-        if self.body is not None and self.place_in_body is not None:
-            return self.body.motion(self.place_in_body.translation, times).twists
+        if self.body is not None:
+            return self.body.motion(self.lever, times).twists
         twist = np.concatenate([self.velocity, self.angular_velocity])
         return np.broadcast_to(twist, (len(times), 6))
 
-    def after(self, time: float) -> ObstacleBody:
-        """Return the obstacle as it will be after a time [s], with the body that it is fixed to."""
+    def way(self, time: float) -> Array:
+        """Return the displacement of its origin since the plan's first point. Shape (3,) [m]."""
+        if self.body is None:
+            uniform: Array = time * self.velocity
+            return uniform
+        there = self.body.places(self.lever[None], np.array([time]))
+        return np.asarray(there[0, 0] - self.position, np.float64)
+
+    def after(self, time: float) -> RigidMotion:
+        """Return the motion from a time [s] on, with the body that the frame is fixed to."""
         if time == 0.0:
             return self  # to the last bit
-        rotations, positions = self.poses(np.array([time]))
-        turned = eigen_quaternion(rotations[0]) if self.turns else self.quaternion_xyzw
-        there = replace(self, position=positions[0], quaternion_xyzw=turned)
-        if self.body is None:
-            return there
-        linear, angular = np.split(self.twists(np.array([time]))[0], 2)
-        return replace(there, velocity=linear, angular_velocity=angular, body=self.body.after(time))
+        if self.body is not None and self.place_in_body is not None:
+            return RigidMotion.fixed_to(self.body.after(time), self.place_in_body)
+        (rotation,), (position,) = self.poses(np.array([time]))
+        turned = eigen_quaternion(rotation) if self.turns else self.quaternion_xyzw
+        return replace(self, position=position, quaternion_xyzw=turned)
 
 
-def require_foretold(obstacles: Sequence[ObstacleBody], until: float) -> None:
+@dataclass(frozen=True, eq=False)
+class Obstacle(Shaped):
+    """A convex solid that rests, moves uniformly, rotates, or is fixed to a target body.
+
+    Raises:
+        InvalidInput: A value of wrong kind, or a name that is no text.
+    """
+
+    PLACE: ClassVar[str] = "obstacles"
+
+    motion: RigidMotion = declare_inline(RigidMotion)  # of the shape's frame
+
+    __repr__ = in_a_line
+
+    def __post_init__(self) -> None:
+        """Check every value; a sphere keeps no attitude of its own."""
+        check_declared(self, f"{self.PLACE}[{self.id}]", motion=RigidMotion)
+        if self.is_sphere and self.body is None:
+            still = RigidMotion(self.motion.position, velocity=self.motion.velocity)
+            object.__setattr__(self, "motion", still)
+
+    @classmethod
+    def sphere(
+        cls, name: str, center: Array, radius: float, velocity: Array | None = None
+    ) -> Obstacle:
+        """Return a sphere that rests or moves uniformly.
+
+        Args:
+            name: Its id, unique.
+            center: At the plan's first point, in the inertial frame. Shape (3,) [m].
+            radius: Of obstacle plus link [m].
+            velocity: Shape (3,) [m/s]. None: it rests.
+
+        Raises:
+            InvalidInput: Wrong size, not finite, or a radius out of range.
+        """
+        going = zero_vector() if velocity is None else velocity
+        return SphereEntry(name, center, radius, going).made()
+
+    @property
+    def center(self) -> Array:
+        """Centre of `radius` at the plan's first point, in the inertial frame. Shape (3,) [m]."""
+        motion = self.motion
+        if self.is_sphere:
+            return motion.position
+        return np.asarray(motion.position + motion.rotation @ self.solid.center, np.float64)
+
+    @property
+    def body(self) -> TargetBody | None:
+        """The target body that it is fixed to, if any."""
+        return self.motion.body
+
+    @property
+    def moves(self) -> bool:
+        """Whether its pose changes."""
+        return self.motion.moves
+
+    @property
+    def reach(self) -> float:
+        """Upper bound of the distance of points that count from its origin: of a sphere, zero [m].
+
+        A point of a sphere is its radius away from the centre, whatever the attitude.
+        """
+        return 0.0 if self.is_sphere else self.solid.reach
+
+    @property
+    def highest_speed(self) -> float:
+        """Upper bound of the speed of all its points; of a sphere, of its centre [m/s]."""
+        return self.motion.highest_speed(self.reach)
+
+    def with_motion(self, **changes: Any) -> Obstacle:
+        """Return the obstacle with changes of its motion, as `replace` takes them."""
+        return replace(self, motion=replace(self.motion, **changes))
+
+    def after(self, time: float) -> Obstacle:
+        """Return the obstacle as it will be after a time [s], with the body that it is fixed to."""
+        return replace(self, motion=self.motion.after(time))
+
+
+@dataclass(frozen=True, eq=False)
+class SphereEntry:
+    """A sphere that is not fixed to a target body, as files and messages have it."""
+
+    id: str = declare(NAME, "name in messages, unique", message="id")
+    center: Array = declare(
+        a_vector(),
+        "at the plan's first point, not when the state was measured",
+        unit="m",
+        message="center",
+    )
+    radius: float = declare(RADIUS, "obstacle plus link", unit="m", message="radius")
+    velocity: Array = declare_velocity("linear", "constant", brief=True)
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, f"{Obstacle.PLACE}[{self.id}]")
+
+    @classmethod
+    def of(cls, one: Obstacle) -> SphereEntry | None:
+        """Return the entry of an obstacle; None: it is no sphere."""
+        if not one.is_sphere:
+            return None
+        return cls(one.id, one.motion.position, one.radius, one.motion.velocity)
+
+    def made(self) -> Obstacle:
+        """Return the obstacle."""
+        solid = Solid(SPHERE, np.array([self.radius]))
+        return Obstacle(self.id, solid, RigidMotion(self.center, velocity=self.velocity))
+
+
+# An obstacle in a file has a key `shape`, or a centre and radius
+OBSTACLE: Form = part_or_entry("shape", Obstacle, SphereEntry)
+AnyShaped = TypeVar("AnyShaped", bound=Shaped)
+
+
+def require_foretold(obstacles: Sequence[Obstacle], until: float) -> None:
     """Refuse obstacles whose own rotation until a time [s] is too far to be predicted.
 
     Raises:
         InvalidInput: One rotates by more than `MOST_TURNS`; the error names it.
     """
     for one in obstacles:
-        turns = float(np.linalg.norm(one.angular_velocity)) * until
+        turns = one.motion.highest_rate * until
         if one.body is None and not turns <= MOST_TURNS:
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
                 f"obstacles[{one.id}].angular_velocity",
-                one.angular_velocity.tolist(),
+                one.motion.angular_velocity.tolist(),
                 f"within {until:.6g} s the body turns too far to be foretold, by {turns:.3g} rad; "
                 f"{MOST_TURNS:g} rad are allowed",
             )
 
 
-Obstacle: TypeAlias = Sphere | ObstacleBody
-Kind = TypeVar("Kind", Sphere, ObstacleBody, Obstacle)
-InTheWay: TypeAlias = Obstacle | AttachedSphere | AttachedBody
-
-
-def spheres_in(obstacles: Sequence[Obstacle]) -> tuple[Sphere, ...]:
-    """Return the spheres among obstacles."""
-    return tuple(one for one in obstacles if isinstance(one, Sphere))
-
-
-def bodies_in(obstacles: Sequence[Obstacle]) -> tuple[ObstacleBody, ...]:
-    """Return the bodies among obstacles."""
-    return tuple(one for one in obstacles if isinstance(one, ObstacleBody))
-
-
-def with_mesh_read(one: InTheWay, told: str, meshes: Meshes) -> InTheWay:
-    """Return an obstacle with its mesh file read, or as a `Sphere` if its shape is one.
+def with_mesh_read(one: AnyShaped, told: str, meshes: Meshes) -> AnyShaped:
+    """Return an obstacle, attached or not, with its mesh file read.
 
     Args:
         told: Name of its field in errors.
@@ -271,21 +301,12 @@ def with_mesh_read(one: InTheWay, told: str, meshes: Meshes) -> InTheWay:
     Raises:
         InvalidInput: The file cannot be read, or its mesh has no convex hull.
     """
-    if isinstance(one, ObstacleBody | AttachedBody) and isinstance(one.shape, MeshFile):
-        one = replace(one, shape=one.shape.load(f"{told}.shape.mesh", meshes))
-    return simplest(one) if isinstance(one, ObstacleBody) else one
+    if isinstance(one.shape, MeshFile):
+        return replace(one, shape=one.shape.load(f"{told}.shape.mesh", meshes))
+    return one
 
 
-def simplest(one: Obstacle) -> Obstacle:
-    """Return an obstacle as it is, or as a `Sphere` if it is a body of that shape."""
-    if isinstance(one, Sphere) or one.solid.kind != "sphere":
-        return one
-    radius = float(one.solid.sizes[0]) + one.solid.grown
-    place = None if one.place_in_body is None else one.place_in_body.translation
-    return Sphere(one.id, one.position, radius, one.velocity, one.body, place)
-
-
-def carried(obstacles: Sequence[Kind], time: float) -> tuple[Kind, ...]:
+def carried(obstacles: Sequence[Obstacle], time: float) -> tuple[Obstacle, ...]:
     """Return obstacles as they will be after a time [s]."""
     return tuple(one.after(time) if one.moves else one for one in obstacles)
 
@@ -306,20 +327,6 @@ def with_attached(obstacles: Sequence[Obstacle], body: TargetBody) -> tuple[Obst
 
 def attached(body: TargetBody) -> Iterator[Obstacle]:
     """Yield the obstacles of a problem that are fixed to a body."""
-    to_inertial, rate = rotation_from_quaternion(body.quaternion_xyzw), body.angular_velocity
     for one in body.obstacles:
-        place = one.position if isinstance(one, AttachedBody) else one.center
-        lever = to_inertial @ place
-        at, velocity = body.position + lever, body.linear_velocity + cross(rate, lever)
-        if isinstance(one, AttachedBody):
-            turn = rotation_from_quaternion(one.quaternion_xyzw)
-            attitude, in_body = eigen_quaternion(to_inertial @ turn), pin.SE3(turn, place)
-            yield simplest(
-                ObstacleBody(one.id, one.shape, at, attitude, velocity, rate, body, in_body)
-            )
-        else:
-            yield Sphere(one.id, at, one.radius, velocity, body, place)
-
-
-# An obstacle in a file has a key `shape` if it is a body, and a centre and radius if a sphere
-OBSTACLE: Form = one_of_parts("shape", part(ObstacleBody), part(Sphere))
+        place = pin.SE3(rotation_from_quaternion(one.quaternion_xyzw), one.position)
+        yield Obstacle(one.id, one.shape, RigidMotion.fixed_to(body, place))

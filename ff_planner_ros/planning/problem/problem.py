@@ -25,14 +25,10 @@ from ff_planner_ros.planning.problem.objective import SHORTEST, DurationRange, O
 from ff_planner_ros.planning.problem.obstacles import (
     OBSTACLE,
     Obstacle,
-    ObstacleBody,
-    Sphere,
+    RigidMotion,
     attached,
-    bodies_in,
     carried,
     require_foretold,
-    simplest,
-    spheres_in,
     with_attached,
 )
 from ff_planner_ros.planning.problem.posture import GOAL, Posture, target_of_posture
@@ -43,6 +39,7 @@ from ff_planner_ros.planning.problem.target import (
 )
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.problem.user_requirements import REQUIRED
+from ff_planner_ros.robot.collision.solids import in_order
 from ff_planner_ros.robot.configuration import about
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import MAX_TILT, on_the_table
@@ -60,12 +57,11 @@ __all__ = [
     "Limits",
     "Objective",
     "Obstacle",
-    "ObstacleBody",
     "Orientation",
     "Parametrisation",
     "PlanningProblem",
     "Posture",
-    "Sphere",
+    "RigidMotion",
     "Target",
     "TargetBody",
     "attached",
@@ -204,9 +200,7 @@ class PlanningProblem:
         """Check what the parts cannot check by themselves."""
         kinds = {"robot": Robot, "start": SystemState, "posture": Posture}
         check_declared(self, "", **kinds, target=Target, duration_range=DurationRange)
-        # As messages bring them: a ball is a sphere, and there is an array of each.
-        object.__setattr__(self, "obstacles", tuple(map(simplest, self.obstacles)))
-        object.__setattr__(self, "obstacles", (*self.spheres, *self.obstacle_bodies))
+        object.__setattr__(self, "obstacles", in_order(self.obstacles))
         window = self.duration_range
         if window is not None and not window.minimum <= self.duration <= window.maximum:
             allowed = f"it must be from {window.minimum:g} s to {window.maximum:g} s"
@@ -226,7 +220,7 @@ class PlanningProblem:
             object.__setattr__(self, "target", target)
         if self.posture is None:
             require_enough_joints(self.robot, self.target)
-        require_foretold(self.obstacle_bodies, self.durations.maximum)
+        require_foretold(self.obstacles, self.durations.maximum)
         # In one order, so that equal problems are equal.
         object.__setattr__(self, "allowed_collisions", tuple(sorted(set(self.allowed_collisions))))
         if self.allowed_collisions:
@@ -237,14 +231,14 @@ class PlanningProblem:
             self._require_known_link(self.camera.link)
 
     @cached_property
-    def spheres(self) -> tuple[Sphere, ...]:
+    def spheres(self) -> tuple[Obstacle, ...]:
         """The spheres among the obstacles."""
-        return spheres_in(self.obstacles)
+        return tuple(one for one in self.obstacles if one.is_sphere)
 
     @cached_property
-    def obstacle_bodies(self) -> tuple[ObstacleBody, ...]:
+    def obstacle_bodies(self) -> tuple[Obstacle, ...]:
         """The obstacles that are not spheres."""
-        return bodies_in(self.obstacles)
+        return tuple(one for one in self.obstacles if not one.is_sphere)
 
     @property
     def durations(self) -> DurationRange:

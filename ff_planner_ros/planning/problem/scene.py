@@ -13,12 +13,10 @@ from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody, bodies_in, spheres_in
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,
     Obstacle,
     PlanningProblem,
-    Sphere,
     Target,
     attached,
 )
@@ -53,14 +51,14 @@ class Scene:
         return None if self.capture_time is None else self.target_body.target(self.capture_time)
 
     @property
-    def spheres(self) -> tuple[Sphere, ...]:
+    def spheres(self) -> tuple[Obstacle, ...]:
         """The spheres among the obstacles."""
-        return spheres_in(self.obstacles)
+        return tuple(one for one in self.obstacles if one.is_sphere)
 
     @property
-    def obstacle_bodies(self) -> tuple[ObstacleBody, ...]:
+    def obstacle_bodies(self) -> tuple[Obstacle, ...]:
         """The obstacles that are not spheres."""
-        return bodies_in(self.obstacles)
+        return tuple(one for one in self.obstacles if not one.is_sphere)
 
     @property
     def constraints(self) -> dict[str, Approach | Camera]:
@@ -114,9 +112,8 @@ class Scene:
 
 
 def _seen_from(one: Obstacle, origin: Array, velocity: Array) -> Obstacle:
-    if isinstance(one, Sphere):
-        return replace(one, center=one.center - origin, velocity=one.velocity - velocity)
-    return replace(one, position=one.position - origin, velocity=one.velocity - velocity)
+    place, going = one.motion.position - origin, one.motion.velocity - velocity
+    return one.with_motion(position=place, velocity=going)
 
 
 # Fields that a problem has, too, with the same values.

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.common.declared import check_declared, declare, declare_velocity
-from ff_planner_ros.common.declared_parts import one_of_parts, part
+from ff_planner_ros.common.declared_parts import part_or_entry
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
@@ -31,6 +31,7 @@ from ff_planner_ros.planning.problem.torque_free import (
     fastest_turn,
     possible_inertia,
 )
+from ff_planner_ros.robot.collision.solids import RADIUS, SPHERE, Solid, in_order
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.urdf.payload import HeldShape
@@ -40,13 +41,20 @@ from ff_planner_ros.robot.urdf.payload import HeldShape
 MOST_TURNS = 1000.0
 
 
-@dataclass(frozen=True, eq=False)
-class AttachedSphere:
-    """A sphere that is fixed to a target body.
+class AttachedObstacle(HeldShape):
+    """A convex solid that is fixed to a target body, in the body's frame."""
 
-    Raises:
-        InvalidInput: Wrong size, not finite, or a radius that is not positive.
-    """
+    PLACE: ClassVar[str] = "target_body.obstacles"
+
+    @classmethod
+    def sphere(cls, name: str, center: Array, radius: float) -> AttachedObstacle:
+        """Return a sphere by its centre, in the body's frame, shape (3,), and its radius [m]."""
+        return AttachedSphereEntry(name, center, radius).made()
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedSphereEntry:
+    """A sphere that is fixed to a target body, as files and messages have it."""
 
     id: str = declare(NAME, "name in messages, unique among all obstacles", message="id")
     center: Array = declare(
@@ -56,19 +64,20 @@ class AttachedSphere:
         frame="in the body's frame",
         message="center",
     )
-    radius: float = declare(a_number(above=0.0), "obstacle plus link", unit="m", message="radius")
-
-    __repr__ = in_a_line
+    radius: float = declare(RADIUS, "obstacle plus link", unit="m", message="radius")
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"target_body.obstacles[{self.id}]")
+        check_declared(self, f"{AttachedObstacle.PLACE}[{self.id}]")
 
+    @classmethod
+    def of(cls, one: AttachedObstacle) -> AttachedSphereEntry | None:
+        """Return the entry of an obstacle; None: it is no sphere."""
+        return cls(one.id, one.position, one.radius) if one.is_sphere else None
 
-class AttachedBody(HeldShape):
-    """A convex body that is fixed to a target body."""
-
-    PLACE: ClassVar[str] = "target_body.obstacles"
+    def made(self) -> AttachedObstacle:
+        """Return the obstacle."""
+        return AttachedObstacle(self.id, Solid(SPHERE, np.array([self.radius])), self.center)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +136,8 @@ class TargetBody:
         default=0.0,
         message="inertia.m",
     )
-    obstacles: tuple[AttachedSphere | AttachedBody, ...] = declare(
-        each(one_of_parts("shape", part(AttachedBody), part(AttachedSphere))),
+    obstacles: tuple[AttachedObstacle, ...] = declare(
+        each(part_or_entry("shape", AttachedObstacle, AttachedSphereEntry)),
         "spheres and bodies that move with it, in its frame, which has its origin at the centre of "
         "mass",
         default=(),
@@ -151,9 +160,7 @@ class TargetBody:
         check_declared(self, "target_body", notes=tuple)
         inertia = possible_inertia("target_body.inertia", self.inertia)
         object.__setattr__(self, "inertia", inertia)
-        bodies = [one for one in self.obstacles if isinstance(one, AttachedBody)]
-        # In the order of messages, which have an array of each.
-        object.__setattr__(self, "obstacles", (*self.spheres, *bodies))
+        object.__setattr__(self, "obstacles", in_order(self.obstacles))
         self._check_obstacles()
 
     def _check_obstacles(self) -> None:
@@ -163,8 +170,8 @@ class TargetBody:
                 told = "target_body.obstacles"
                 raise InvalidInput(Status.OUT_OF_RANGE, told, one.id, "ids must be unique")
             names.add(one.id)
-        for sphere in self.spheres:
-            depth = sphere.radius - float(np.linalg.norm(self.grasp_position - sphere.center))
+        for sphere in (one for one in self.obstacles if one.is_sphere):
+            depth = sphere.radius - float(np.linalg.norm(self.grasp_position - sphere.position))
             if depth >= 0.0:
                 raise InvalidInput(
                     Status.OUT_OF_RANGE,
@@ -173,11 +180,6 @@ class TargetBody:
                     f"it must be outside every attached sphere; it is {depth:.4g} m inside "
                     f"{sphere.id}",
                 )
-
-    @property
-    def spheres(self) -> tuple[AttachedSphere, ...]:
-        """The spheres among the attached obstacles."""
-        return tuple(one for one in self.obstacles if isinstance(one, AttachedSphere))
 
     @cached_property
     def _turning(self) -> TorqueFreeMotion:

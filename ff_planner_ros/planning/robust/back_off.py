@@ -14,11 +14,9 @@ from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.approach import Margins as Inside
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
-    Sphere,
     with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.problem.target_body import AttachedSphere
 from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
@@ -145,6 +143,4 @@ def tighten(problem: PlanningProblem, back_off: BackOff) -> PlanningProblem:
 
 def _grown(one: Any, amount: float) -> Any:
     """Return an obstacle, attached or not, that is grown by a distance [m]."""
-    if isinstance(one, Sphere | AttachedSphere):
-        return replace(one, radius=one.radius + amount)
     return replace(one, shape=replace(one.shape, grown=amount)) if amount else one

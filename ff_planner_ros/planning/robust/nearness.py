@@ -26,7 +26,7 @@ from ff_planner_ros.planning.distance.obstacle_distances import (
     poses_at,
     seen_from_chaser,
 )
-from ff_planner_ros.planning.problem.obstacles import ObstacleBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.settings import MOST_SIGMAS
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -52,7 +52,7 @@ class Nearness:
 
     robot: Robot
     base_q: Array  # shape (times, 7 + joints)
-    others: tuple[ObstacleBody, ...]  # the obstacles that are no spheres
+    others: tuple[Obstacle, ...]  # the obstacles that are no spheres
     rotations: Array  # of their axes to inertial axes; shape (times, others, 3, 3)
     radius: Array  # of the obstacles; shape (obstacles,) [m]
     centers: Array  # of the obstacles, inertial frame; shape (times, obstacles, 3) [m]
@@ -228,7 +228,7 @@ def _to_others(
     robot: Robot,
     q: Array,
     times: Array,
-    others: Sequence[ObstacleBody],
+    others: Sequence[Obstacle],
     counts: NDArray[np.bool_],
 ) -> Distances:
     """Return distances of parts from obstacles that are no spheres, each (times, parts, others).

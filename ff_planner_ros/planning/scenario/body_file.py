@@ -20,7 +20,7 @@ from ff_planner_ros.common.forms import TEXT, Form, Schema, by_name
 from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.errors import Faults
-from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.robot.collision.urdf_body import LOCKED_JOINTS, urdf_body
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import read_urdf
@@ -57,7 +57,7 @@ def with_urdf(
 ) -> dict[str, Any]:
     """Return the fields of a target body, completed by its URDF.
 
-    The URDF's solids, named by their links, come before the given obstacles. Its inertia is used
+    The URDF's solids, named by their links, are beside the given obstacles. Its inertia is used
     unless one is given.
 
     Args:
@@ -72,7 +72,7 @@ def with_urdf(
     """
     body = urdf_body(text, told, directory, locked_joints)
     fixed = [
-        AttachedBody(
+        AttachedObstacle(
             one.name,
             one.solid,
             one.place.translation,

@@ -25,7 +25,7 @@ from ff_planner_ros.common.text_file import AnyPath, path_of
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status, fields_renamed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.problem.obstacles import InTheWay, with_mesh_read
+from ff_planner_ros.planning.problem.obstacles import AnyShaped, with_mesh_read
 from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
 from ff_planner_ros.planning.problem.problem import (
     USUAL_POINTS,
@@ -190,8 +190,8 @@ def _built_of(whole: object, directory: Path | None, points: int, build: _Build[
 def _read_meshes(read: dict[str, Any], place: str, directory: Path | None, faults: Faults) -> None:
     """Read the mesh files of obstacles and target body, and the target body's URDF."""
 
-    def loaded(told: str, entries: Sequence[InTheWay]) -> tuple[InTheWay, ...]:
-        found = list[InTheWay]()
+    def loaded(told: str, entries: Sequence[AnyShaped]) -> tuple[AnyShaped, ...]:
+        found = list[AnyShaped]()
         with Meshes(directory) as meshes:
             for index, one in enumerate(entries):
                 with faults.gathered():

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.planning.problem.problem import (
-    ObstacleBody,
+    Obstacle,
     PlanningProblem,
-    Sphere,
     TargetBody,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -75,8 +74,8 @@ def _parts_of_robot(robot: Robot) -> list[Any]:
 def _is_absent(value: Any, name: str) -> bool:
     """Tell whether a field follows from others, or no plan depends on it."""
     match value:
-        case Sphere() | ObstacleBody():
-            return value.body is not None and name not in ("id", "radius", "shape")
+        case Obstacle():
+            return value.body is not None and name == "motion"
         case SystemState():
             return name == "ee_at_rest"
         case PlanningProblem():

@@ -17,12 +17,11 @@ from ff_planner_ros.planning.problem.obstacles import carried, with_attached
 from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.target import Target
-from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.search.families import require_families
 from ff_planner_ros.planning.task.phase import require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.impact import impact
 from ff_planner_ros.robot.model import Robot
@@ -151,14 +150,10 @@ def held_body(body: TargetBody, robot: Robot) -> Payload:
     to_body = pin.Quaternion(body.grasp_quaternion_xyzw).toRotationMatrix()
     shapes, inertia = list[HeldShape](), body.inertia_at_grasp
     for one in body.obstacles if robot.geometry is Geometry.SHAPES else ():
-        if isinstance(one, AttachedBody):
-            turn = to_body.T @ pin.Quaternion(one.quaternion_xyzw).toRotationMatrix()
-            quaternion = pin.Quaternion(eigen_quaternion(turn)).normalized().coeffs()
-            place = (one.position - body.grasp_position) @ to_body
-            shapes.append(HeldShape(one.id, one.shape, place, quaternion))
-        else:
-            place = (one.center - body.grasp_position) @ to_body
-            shapes.append(HeldShape(one.id, Solid("sphere", np.array([one.radius])), place))
+        turn = to_body.T @ pin.Quaternion(one.quaternion_xyzw).toRotationMatrix()
+        quaternion = pin.Quaternion(eigen_quaternion(turn)).normalized().coeffs()
+        place = (one.position - body.grasp_position) @ to_body
+        shapes.append(HeldShape(one.id, one.shape, place, quaternion))
     return Payload(
         link=robot.tip_link,
         mass=inertia.mass,

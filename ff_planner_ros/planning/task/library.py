@@ -125,12 +125,12 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     if problem.posture is not None and problem.posture.positions is not None:
         parts.append(problem.posture.positions)
     for sphere in problem.spheres:
-        parts += [sphere.center / reach, np.array([sphere.radius / reach])]
-        parts.append(sphere.velocity * lasts / reach)
+        parts += [sphere.motion.position / reach, np.array([sphere.radius / reach])]
+        parts.append(sphere.motion.velocity * lasts / reach)
     now = np.zeros(1)
     for one in problem.obstacle_bodies:
-        (axes,), (origin,) = one.poses(now)
-        (twist,) = one.twists(now)
+        (axes,), (origin,) = one.motion.poses(now)
+        (twist,) = one.motion.twists(now)
         parts += [origin / reach, axes.ravel() / np.sqrt(2.0)]
         parts += [twist[:3] * lasts / reach, twist[3:] * lasts]
     return kind, np.concatenate(parts)

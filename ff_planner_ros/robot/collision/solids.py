@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import coal
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_rows, finite_vector, frozen
-from ff_planner_ros.common.forms import ROWS, Form, Schema, a_number, of_mapping, of_numbers
+from ff_planner_ros.common.declared import declare
+from ff_planner_ros.common.forms import NAME, ROWS, Form, Schema, a_number, of_mapping, of_numbers
 from ff_planner_ros.common.plain_values import (
     an_object,
     any_text,
@@ -42,11 +43,12 @@ SIZES: Mapping[str, Mapping[str, int]] = {
     "capsule": _ROUND,
     "cone": _ROUND,
 }
-MESH = "mesh"
+SPHERE, MESH = "sphere", "mesh"
 KINDS = (*SIZES, MESH)
 # Of a mesh in a file or message, whose hull is computed in the calling process.
 MAX_MESH_VERTICES = 100_000
 _GROWN = a_number(at_least=0.0)
+RADIUS = a_number(above=0.0)  # of a sphere [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,8 @@ class Solid:
     kind: str  # of `KINDS`
     sizes: Array = field(default_factory=lambda: np.zeros(0))  # in the order of `SIZES` [m]
     corners: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of a mesh's hull [m]
-    # Inflation in all directions, with rounded corners; in no file and no message [m]
+    # Inflation in all directions, with rounded corners, that of a sphere added to its radius; in no
+    # file and no message [m]
     grown: float = 0.0
 
     __repr__ = in_a_line
@@ -71,12 +74,17 @@ class Solid:
             raise InvalidInput(Status.UNSUPPORTED, "shape", quoted(self.kind), _one_of_kinds())
         count = sum(SIZES.get(self.kind, {}).values())
         sizes = finite_vector(f"shape.{self.kind}", self.sizes, count)
-        if count and not SMALLEST_SIZE <= sizes.min() <= sizes.max() <= LARGEST_SIZE:
+        told = f"shape.{self.kind}"
+        if self.kind == SPHERE:  # with which nothing goes wrong, however large or small
+            RADIUS.checked(told, float(sizes[0]))
+        elif count and not SMALLEST_SIZE <= sizes.min() <= sizes.max() <= LARGEST_SIZE:
             allowed = f"it must be from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m"
-            told = f"shape.{self.kind}"
             raise InvalidInput(Status.OUT_OF_RANGE, told, sizes.tolist(), allowed)
         _GROWN.checked("shape.grown", self.grown)
         corners = finite_rows("shape.mesh", self.corners, 3)
+        if self.kind == SPHERE and self.grown:
+            sizes = frozen(sizes + self.grown)
+            object.__setattr__(self, "grown", 0.0)
         object.__setattr__(self, "sizes", sizes)
         object.__setattr__(self, "corners", corners)
 
@@ -135,6 +143,7 @@ class Solid:
 class MeshFile:
     """A mesh in a file whose path is relative to a scenario's, or `package://`."""
 
+    kind: ClassVar[str] = MESH
     file: str
     scale: tuple[float, ...]
 
@@ -279,3 +288,43 @@ SHAPE_SENTENCE = (
     "cylinder, capsule and cone lie along z about their middle, a cone's apex at +z; a capsule's "
     "length is without its caps; a mesh counts by its convex hull"
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Shaped:
+    """What has a name and a convex shape."""
+
+    PLACE: ClassVar[str] = ""  # the list that it stands in, in errors
+
+    id: str = declare(NAME, "name in messages and errors, unique", message="id")
+    shape: Solid | MeshFile = declare(SHAPE, SHAPE_SENTENCE, unit="m")
+
+    @property
+    def solid(self) -> Solid:
+        """Its shape.
+
+        Raises:
+            InvalidInput: The shape is a mesh file that has not been read.
+        """
+        if isinstance(self.shape, MeshFile):
+            told, allowed = f"{self.PLACE}[{self.id}].shape", "its file must be read before"
+            raise InvalidInput(Status.UNSUPPORTED, told, self.shape.file, allowed)
+        return self.shape
+
+    @property
+    def is_sphere(self) -> bool:
+        """Whether it is a sphere, to which its attitude does not matter."""
+        return self.shape.kind == SPHERE
+
+    @property
+    def radius(self) -> float:
+        """Radius of the sphere that it is, or of one around it [m]."""
+        return float(self.solid.sizes[0]) if self.is_sphere else self.solid.radius
+
+
+Thing = TypeVar("Thing", bound=Shaped)
+
+
+def in_order(things: Iterable[Thing]) -> tuple[Thing, ...]:
+    """Return things as messages have them, in an array of spheres and one of others."""
+    return tuple(sorted(things, key=lambda one: not one.is_sphere))

@@ -13,19 +13,18 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, no_turn, zero_vector
+from ff_planner_ros.common.arrays import Array, frozen, no_turn, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import part
-from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, TEXT, a_number, a_vector, each
+from ff_planner_ros.common.forms import INERTIA, QUATERNION, TEXT, a_number, a_vector, each
 from ff_planner_ros.common.shown import in_a_line, quoted
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import (
     MESH,
-    SHAPE,
-    SHAPE_SENTENCE,
     SIZES,
     MeshFile,
+    Shaped,
     Solid,
 )
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
@@ -44,17 +43,15 @@ FIELD = "robot.payload"
 
 
 @dataclass(frozen=True, eq=False)
-class HeldShape:
+class HeldShape(Shaped):
     """A collision solid that is fixed to a payload, or to another body in a subclass.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
     """
 
-    PLACE: ClassVar[str] = f"{FIELD}.shapes"  # in errors
+    PLACE: ClassVar[str] = f"{FIELD}.shapes"
 
-    id: str = declare(NAME, "name in messages and errors, unique there", message="id")
-    shape: Solid | MeshFile = declare(SHAPE, SHAPE_SENTENCE, unit="m")
     position: Array = declare(
         a_vector(),
         "of the shape's frame",
@@ -74,6 +71,8 @@ class HeldShape:
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
         check_declared(self, f"{self.PLACE}[{self.id}]")
+        if self.is_sphere:
+            object.__setattr__(self, "quaternion_xyzw", frozen(no_turn()))
 
 
 @dataclass(frozen=True, eq=False)

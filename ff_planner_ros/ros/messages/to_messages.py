@@ -33,15 +33,10 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.messages.obstacles import PRIMITIVES, primitive_sizes
 from ff_planner_ros.parameters.controller import ERASED, ControllerParameters
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import (
-    Obstacle,
-    ObstacleBody,
-    bodies_in,
-    spheres_in,
-)
+from ff_planner_ros.planning.problem.obstacles import Obstacle, SphereEntry
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.problem.target_body import AttachedBody, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedSphereEntry, TargetBody
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.planning.task.controller_rules import REST
 from ff_planner_ros.robot.collision.solids import MESH, MeshFile
@@ -108,17 +103,20 @@ def scene_message(
     return Scene(
         header=_header(stamp_ns, inertial_frame),
         source=source,
-        spheres=[write_object(one, ObstacleSphere(), entry_of) for one in spheres_in(free)],
-        bodies=[_body_message(one) for one in bodies_in(free)],
+        spheres=[_sphere_message(SphereEntry.of(one)) for one in free if one.is_sphere],
+        bodies=[_body_message(one) for one in free if not one.is_sphere],
     )
 
 
 def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) -> TargetBodyMessage:
     """Write a target body at stamp_ns [ns], with all that is fixed to it, as a message."""
     message = TargetBodyMessage(header=_header(stamp_ns, inertial_frame))
-    write_object(replace(body, obstacles=body.spheres), message, entry_of)
-    bodies = [one for one in body.obstacles if isinstance(one, AttachedBody)]
-    message.bodies = [_body_message(one) for one in bodies]
+    write_object(replace(body, obstacles=()), message, entry_of)
+    fixed = body.obstacles
+    message.obstacles = [
+        _sphere_message(AttachedSphereEntry.of(one)) for one in fixed if one.is_sphere
+    ]
+    message.bodies = [_body_message(one) for one in fixed if not one.is_sphere]
     return message
 
 
@@ -247,7 +245,12 @@ def _header(stamp_ns: int, frame_id: str) -> Header:
     return Header(stamp=time_message(stamp_ns), frame_id=frame_id)
 
 
-def _body_message(body: ObstacleBody | AttachedBody | HeldShape) -> ObstacleMessage:
+def _sphere_message(entry: SphereEntry | AttachedSphereEntry | None) -> ObstacleSphere:
+    message: ObstacleSphere = write_object(entry, ObstacleSphere(), entry_of)
+    return message
+
+
+def _body_message(body: Obstacle | HeldShape) -> ObstacleMessage:
     message: ObstacleMessage = write_object(body, ObstacleMessage(), entry_of)
     shape = body.shape
     if isinstance(shape, MeshFile):

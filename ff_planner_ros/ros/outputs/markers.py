@@ -21,7 +21,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem.obstacles import Obstacle, Sphere, attached
+from ff_planner_ros.planning.problem.obstacles import Obstacle, attached
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.captured import CapturedBody, captured_in
 from ff_planner_ros.robot.box import uniform_box
@@ -164,7 +164,7 @@ def _obstacle(
     rotations, origins = obstacle_poses(one, times)
     turns = Rotation.from_matrix(rotations).as_quat().tolist()
     for place, turn, colour in zip(origins.tolist(), turns, colours, strict=True):
-        if isinstance(one, Sphere):
+        if one.is_sphere:
             yield _solid(namespace, Marker.SPHERE, place, [2 * one.radius] * 3, colour)
         elif one.solid.kind == "box":
             yield _solid(namespace, Marker.CUBE, place, one.solid.sizes, colour, turn)
