@@ -6,7 +6,6 @@ A distribution brings it along by an entry point, after which scenarios and the 
     keep_out_plane = "keep_out_plane:KeepOutPlane"
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -72,9 +71,11 @@ class KeepOutPlane(of.Requirement):
         """Return the least height along a motion [m]."""
         return self._least(problem.robot, motion.joints)[0]
 
-    def failures(self, samples: of.Samples, _metrics: Any) -> Iterator[of.Failure]:
-        """Yield when the arm is furthest beyond the plane."""
+    def assess(self, samples: of.Samples) -> of.Assessment:
+        """Return the failure of the time at which the arm is furthest beyond the plane."""
         height, time = self._least(samples.problem.robot, samples.followed.joints)
-        if height < 0.0:
-            words = f"the arm is {-height:.4f} m beyond {self.name} at {samples.at(time)}"
-            yield of.Failure(of.Status.LIMIT_VIOLATED, words, (f"a smaller {self.name}.distance",))
+        if height >= 0.0:
+            return of.Assessment()
+        words = f"the arm is {-height:.4f} m beyond {self.name} at {samples.at(time)}"
+        advice = (f"a smaller {self.name}.distance",)
+        return of.Assessment(failures=(of.Failure(of.Status.LIMIT_VIOLATED, words, advice),))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dense_motion import truth
+from judging import violations
 from recorded_requests import only_request
 from robots import LEMUR_SCENARIO
 
@@ -21,7 +22,6 @@ from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionar
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import CHECKING, Budget, Steps, Watch
 from ff_planner_ros.planning.optimisation.objectives import plan_cost
@@ -121,7 +121,7 @@ def test_wherever_a_search_is_ended_its_effort_gives_the_same_answer_again(name:
             continue
         costs.append(plan_cost(problem.objective, found))
         assert found.solver.ended_by == EndedBy.DEADLINE
-        assert not list(failures(lasting(problem, found.duration), found, SETTINGS))
+        assert not violations(lasting(problem, found.duration), found, SETTINGS)
         assert again_found is not None
         assert same(again_found, found)
         assert (again_found.effort, again_found.solver.ended_by) == (found.effort, EndedBy.EFFORT)

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from core_rows import sensitivity_of
 from dense_motion import arms, truth
+from judging import violations
 from reference_program import rows_of
 from robots import LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
@@ -24,7 +25,6 @@ from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
@@ -277,7 +277,7 @@ def test_a_plan_that_comes_from_the_side_is_refused_with_angle_distance_and_time
     assert problem.approach is not None
     times, places = seen_from_grasp(problem, plain)
     assert outside(problem.approach, places).any()
-    (failure,) = failures(problem, plain, SETTINGS)
+    (failure,) = violations(problem, plain, SETTINGS)
     assert failure.status is Status.LIMIT_VIOLATED
     words = failure.finding.replace(":", "").replace(",", "").split()
     when, away = float(words[words.index("t") + 2]), float(words[words.index("m") - 1])
@@ -314,8 +314,8 @@ def test_a_corridor_that_holds_the_plan_by_less_than_a_millimetre_is_kept_and_le
     assert 0.1 < low < 1.0
     narrower = next(cone for cone in np.arange(low, 0.0, -1e-4) if least(cone) < -1e-4)
     wider = next(cone for cone in np.arange(high, 1.5, 1e-4) if least(cone) > 6e-4)
-    assert list(failures(problem(narrower), plain, SETTINGS))
-    assert not list(failures(problem(wider), plain, SETTINGS))
+    assert violations(problem(narrower), plain, SETTINGS)
+    assert not violations(problem(wider), plain, SETTINGS)
 
 
 @pytest.mark.ci

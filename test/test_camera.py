@@ -17,6 +17,7 @@ from core_rows import sensitivity_of
 from dense_motion import truth
 from ff_planner_msgs.msg import Camera as CameraMessage
 from geometry_msgs.msg import Vector3
+from judging import violations
 from recorded_requests import only_request
 from reference_goal_rows import angle_gradients
 from reference_program import rows_of
@@ -32,7 +33,6 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.problem.camera import Camera
@@ -259,7 +259,7 @@ def test_a_plan_that_loses_the_goal_is_refused_with_link_angle_and_time(scene: s
     camera, plan = problem.camera, without_camera(scene)
     assert camera is not None
     times, places = along_plan(problem, plan)
-    (failure,) = failures(problem, plan, SETTINGS)
+    (failure,) = violations(problem, plan, SETTINGS)
     assert failure.status is Status.LIMIT_VIOLATED
     assert "the camera on end_effector sees the goal" in failure.finding
     words = failure.finding.replace(":", "").replace(",", "").split()
@@ -294,14 +294,14 @@ def test_a_view_that_holds_the_plan_by_less_than_a_millimetre_is_kept_and_less_i
         low, high = (middle, high) if least(middle) < 0.0 else (low, middle)
     narrower = next(angle for angle in np.arange(low, 0.0, -1e-4) if least(angle) < -1e-4)
     wider = next(angle for angle in np.arange(high, 1.5, 1e-4) if least(angle) > EXACT)
-    assert list(failures(problem(narrower), plan, SETTINGS))
-    assert not list(failures(problem(wider), plan, SETTINGS))
+    assert violations(problem(narrower), plan, SETTINGS)
+    assert not violations(problem(wider), plan, SETTINGS)
 
 
 def test_once_near_the_goal_may_leave_the_view_and_a_view_that_is_too_narrow_is_said() -> None:
     plan = without_camera("resting")
     problem = looking(RESTING, "end_effector", 0.1, 100.0)
-    assert not list(failures(problem, plan, SETTINGS))
+    assert not violations(problem, plan, SETTINGS)
     narrow = looking(RESTING, "end_effector", 0.02, aside=0.01)
     with pytest.raises(NoPlanFound, match="camera on end_effector") as refused:
         perform(PlanningTask(narrow, replace(SETTINGS, starts=1)))

@@ -24,53 +24,29 @@ from ff_planner_ros.analysis.methods import (
     STRAIGHT_LINE,
     Method,
 )
-from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check.check import failures
-from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 
 OUT_OF_REACH = NoPlanFound(Status.GOAL_OUT_OF_REACH, "target.position is 9 m away")
 
 
-@pytest.fixture(scope="module")
-def settings() -> PlannerSettings:
-    return load_parameters().planner
+def answer(robot: Robot, *failures: Failure, **changes: float) -> Answer:
+    plan = replace(drawn_plan(robot, seed=1), metrics=replace(SOUND, **changes))
+    return Answer(plan, failures, seconds=1.234)
 
 
-def answer(robot: Robot, metrics: Metrics = SOUND, **changes: float) -> Answer:
-    plan = replace(drawn_plan(robot, seed=1), metrics=replace(metrics, **changes))
-    return Answer(plan, (), seconds=1.234)
-
-
-def judged(
-    problem: PlanningProblem, settings: PlannerSettings, answers: dict[Method, Answer]
-) -> dict[Method, Answer]:
-    """With what the check finds."""
-    return {
-        method: replace(one, failures=tuple(failures(problem, one.plan, settings)))
-        if isinstance(one.plan, Plan)
-        else one
-        for method, one in answers.items()
-    }
-
-
-def table(
-    problem: PlanningProblem, settings: PlannerSettings, answers: dict[Method, Answer]
-) -> dict[str, dict[str, str]]:
+def table(problem: PlanningProblem, answers: dict[Method, Answer]) -> dict[str, dict[str, str]]:
     """Cells by method and column."""
-    rows = list(comparison_rows(problem, judged(problem, settings, answers)))
+    rows = list(comparison_rows(problem, answers))
     assert {len(row) for row in rows} == {len(COLUMNS)}
     return {row[0]: dict(zip(COLUMNS, row, strict=True)) for row in rows}
 
 
 def test_a_row_holds_the_methods_metrics_in_the_units_of_the_header(
-    lemur_capture: PlanningProblem, settings: PlannerSettings
+    lemur_capture: PlanningProblem,
 ) -> None:
-    rows = table(lemur_capture, settings, {SHORTEST: answer(lemur_capture.robot)})
+    rows = table(lemur_capture, {SHORTEST: answer(lemur_capture.robot)})
     assert rows["min(L)"] == {
         "method": "min(L)",
         "joint path [rad]": "1.5000",
@@ -85,28 +61,31 @@ def test_a_row_holds_the_methods_metrics_in_the_units_of_the_header(
 
 
 def test_without_obstacles_there_is_no_clearance(
-    lemur_capture: PlanningProblem, settings: PlannerSettings
+    lemur_capture: PlanningProblem,
 ) -> None:
     alone = replace(lemur_capture, obstacles=())
     answers = {SHORTEST: answer(alone.robot, min_clearance=np.inf)}
-    assert table(alone, settings, answers)["min(L)"]["clearance [mm]"] == "-"
+    assert table(alone, answers)["min(L)"]["clearance [mm]"] == "-"
 
 
 def test_a_motion_that_fails_the_check_is_shown_with_each_cause_once(
-    lemur_capture: PlanningProblem, settings: PlannerSettings
+    lemur_capture: PlanningProblem,
 ) -> None:
     bad = answer(
         lemur_capture.robot,
+        Failure(Status.COLLISION, "the arm is 0.0129 m inside obstacle c1", ()),
+        Failure(Status.CHECK_FAILED, "final_position_error is 0.4 m", ()),
+        Failure(Status.CHECK_FAILED, "final_orientation_error is 0.3 rad", ()),
         min_clearance=-0.0129,
         final_position_error=0.4,
         final_orientation_error=0.3,
     )
     answers = {STRAIGHT_LINE: answer(lemur_capture.robot), FIXED_BASE: bad}
-    row = table(lemur_capture, settings, answers)["fixed base"]
+    row = table(lemur_capture, answers)["fixed base"]
     assert row["clearance [mm]"] == "-12.9"
     assert row["miss [mm]"] == "400.00"
     assert row["check"] == "collision, check_failed"
-    (finding,) = findings(judged(lemur_capture, settings, answers))
+    (finding,) = findings(answers)
     assert finding.startswith("fixed base: ")
     assert "obstacle" in finding
     assert "final_position_error is 0.4 m" in finding
@@ -118,14 +97,14 @@ def test_a_motion_that_fails_the_check_is_shown_with_each_cause_once(
     [OUT_OF_REACH, InvalidInput(Status.START_SINGULAR, "joints.position", [0.0], "not singular")],
 )
 def test_a_method_without_a_motion_keeps_its_row_and_tells_its_cause(
-    refusal: NoPlanFound | InvalidInput, lemur_capture: PlanningProblem, settings: PlannerSettings
+    refusal: NoPlanFound | InvalidInput, lemur_capture: PlanningProblem
 ) -> None:
     answers = {SHORTEST: Answer(refusal, (), 2.0), STEADIEST: answer(lemur_capture.robot)}
-    rows = table(lemur_capture, settings, answers)
+    rows = table(lemur_capture, answers)
     cells = list(rows["min(L)"].values())
     assert cells == ["min(L)", *["-"] * 6, "2.00", refusal.status.name.lower()]
     assert rows["min(Theta)"]["check"] == "passed"
-    assert list(findings(judged(lemur_capture, settings, answers))) == [f"min(L): {refusal}"]
+    assert list(findings(answers)) == [f"min(L): {refusal}"]
 
 
 # Joint path [rad] and attitude [deg] that the paper's percentages make of a straight line of 1 rad

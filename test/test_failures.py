@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ import ff_planner_ros
 from ff_planner_ros.common.declared import declared
 from ff_planner_ros.errors import BagError, Failure, FfPlannerError, OutOfTime, Status
 from ff_planner_ros.parameters import DECLARATIONS, load_parameters
-from ff_planner_ros.planning.check.check import failures, measure, refusal
+from ff_planner_ros.planning.check.check import failures, refusal
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.followed import Peaks
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
@@ -37,19 +36,10 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.grasp.capture_impulse import CaptureImpulse
-from ff_planner_ros.planning.requirements.requirement import ANOTHER_DURATION
+from ff_planner_ros.planning.requirements.requirement import ANOTHER_DURATION, Samples
 from ff_planner_ros.planning.requirements.wheels import _judged as judged_wheels
 from ff_planner_ros.planning.scenario.scenario import load_scenario, scenario_schema
 from ff_planner_ros.robot.wheels import Wheels
-
-INACCURATE = {
-    "min_singular_value": 0.001,
-    "final_position_error": 0.1,
-    "final_orientation_error": 0.1,
-    "momentum_error": 0.1,
-    "torque_error": 0.1,
-    "start_velocity_jump": 0.1,
-}
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +52,23 @@ def sound(lemur_capture: PlanningProblem, settings: PlannerSettings) -> Plan:
     return planned(lemur_capture, settings)
 
 
-def judged(
-    problem: PlanningProblem, sound: Plan, settings: PlannerSettings, **metrics: float
-) -> list[Failure]:
-    """The failures of a sound plan as the answer to another problem, with other metrics."""
-    measured = replace(measure(problem, sound.trajectory, settings), **metrics)
-    return list(failures(problem, replace(sound, metrics=measured), settings))
+def exacting(settings: PlannerSettings) -> PlannerSettings:
+    """Return settings whose tolerances no plan meets."""
+    return replace(
+        settings,
+        position_tolerance=1e-12,
+        orientation_tolerance=1e-12,
+        singular_value_threshold=1.0,
+    )
+
+
+def inaccurate(sound: Plan) -> Plan:
+    """Return a plan with wrong torques and a jump at the start, which changes its momentum."""
+    motion = sound.trajectory
+    rates = motion.joint_velocities.copy()
+    rates[0, -1] += 0.02
+    spoilt = {"joint_velocities": rates, "joint_torques": motion.joint_torques + 0.1}
+    return replace(sound, trajectory=replace(motion, **spoilt))
 
 
 def cramped(problem: PlanningProblem, sound: Plan) -> PlanningProblem:
@@ -89,7 +90,7 @@ def cramped(problem: PlanningProblem, sound: Plan) -> PlanningProblem:
 def test_a_sound_plan_has_none(
     lemur_capture: PlanningProblem, sound: Plan, settings: PlannerSettings
 ) -> None:
-    assert judged(lemur_capture, sound, settings) == []
+    assert failures(lemur_capture, sound, settings) == ()
 
 
 @pytest.mark.law("PLAN-28")
@@ -97,7 +98,7 @@ def test_every_constraint_is_told_and_the_first_gives_the_status(
     lemur_capture: PlanningProblem, sound: Plan, settings: PlannerSettings
 ) -> None:
     problem = cramped(lemur_capture, sound)
-    found = judged(problem, sound, settings, **INACCURATE)
+    found = failures(problem, inaccurate(sound), exacting(settings))
     assert [failure.status for failure in found] == [
         Status.COLLISION,
         Status.LIMIT_VIOLATED,
@@ -139,10 +140,10 @@ def test_advice_is_of_what_the_goal_has_and_is_given_once(
     if "orientation" in changes:
         target = Target(problem.target.position, [0.0, 0.0, 0.0, 1.0], **changes)
         changes = {"target": target}
-    metrics, plan = INACCURATE, sound
+    plan, judged_by = inaccurate(sound), exacting(settings)
     if "posture" in changes:  # of which no pose of the end effector is asked
-        metrics, plan = {}, replace(sound, family="joint_spline")
-    error = refusal(plan, judged(replace(problem, **changes), plan, settings, **metrics))
+        plan, judged_by = replace(sound, family="joint_spline"), settings
+    error = refusal(plan, failures(replace(problem, **changes), plan, judged_by))
     advice = str(error).partition("What may help: ")[2].split(", ")
     assert other in advice
     assert not [word for word in advice for part in never if part in word]
@@ -156,9 +157,11 @@ def test_a_tolerance_that_is_zero_already_cannot_be_smaller(
     settings: PlannerSettings, wide: str
 ) -> None:
     problem = load_scenario(CONFIG / "scenarios/panel_capture.yaml")
-    limited = replace(problem, limits=Limits(capture_impulse=1.0))
-    samples = Mock(problem=limited, settings=replace(settings, **{wide: 0.01}))
-    (failure,) = CaptureImpulse().failures(samples, Mock(capture_impulse=2.0))
+    motion = planned(problem, settings).trajectory
+    heavy = replace(problem.target_body, mass=50.0)
+    limited = replace(problem, target_body=heavy, limits=Limits(capture_impulse=1e-6))
+    samples = Samples(limited, replace(settings, **{wide: 0.01}), motion)
+    (failure,) = CaptureImpulse().assess(samples).failures
     assert failure.advice == (f"a smaller planner.{wide}", "another posture at the goal")
 
 
@@ -218,7 +221,7 @@ def test_a_constraint_that_is_not_met_at_the_goal_is_told_as_the_goals(
 ) -> None:
     """Another posture or another way cannot help: the goal must change."""
     clamp = Obstacle.sphere("clamp", sound.trajectory.ee_positions[-1], 0.01)
-    (failure,) = judged(replace(lemur_capture, obstacles=(clamp,)), sound, settings)
+    (failure,) = failures(replace(lemur_capture, obstacles=(clamp,)), sound, settings)
     assert "inside obstacle clamp at the goal, t = 10.00 s of 10 s" in failure.finding
 
 
@@ -230,7 +233,7 @@ def test_a_smaller_margin_is_advised_where_it_can_make_the_difference(
     toward_arm = sound.trajectory.ee_positions[-2] - tip
     beyond = tip - 0.2 * toward_arm / np.linalg.norm(toward_arm)
     sphere = Obstacle.sphere("dish", beyond, _distance(lemur_capture, sound, beyond) + depth)
-    (failure,) = judged(replace(lemur_capture, obstacles=(sphere,)), sound, settings)
+    (failure,) = failures(replace(lemur_capture, obstacles=(sphere,)), sound, settings)
     assert f"{depth:g} m inside obstacle dish" in failure.finding
     assert ("a smaller planner.clearance_margin" in failure.advice) is told
 
@@ -248,9 +251,16 @@ def _distance(problem: PlanningProblem, sound: Plan, place: Any) -> float:
 def test_a_collision_between_the_points_is_told_as_such(
     lemur_capture: PlanningProblem, sound: Plan, settings: PlannerSettings
 ) -> None:
-    (failure,) = judged(lemur_capture, sound, settings, min_clearance=-0.0004)
-    assert "may touch obstacle" in failure.finding
-    assert "all that is certain is a clearance of -0.40 mm" in failure.finding
+    """At the times that the check looks at, a sphere is as good as touched."""
+    place = sound.trajectory.ee_positions[25] + [0.0, 0.0, 0.1]
+    motion = Samples(lemur_capture, settings, sound.trajectory).followed
+    arm = arm_points(lemur_capture.robot, motion.q)
+    point = Obstacle.sphere("point", place, 1e-9)
+    near = clearances(arm, motion.time, segments(arm), [point]).distance.min()
+    dish = Obstacle.sphere("dish", place, float(near) - 1e-9)
+    (failure,) = failures(replace(lemur_capture, obstacles=(dish,)), sound, settings)
+    assert "may touch obstacle dish" in failure.finding
+    assert re.search(r"all that is certain is a clearance of -0\.\d+ mm", failure.finding)
     assert "more points" in failure.advice
 
 

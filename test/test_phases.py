@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 import yaml
 from ff_planner_msgs.msg import PlanRequest
+from judging import violations
 from recorded_requests import only_request
 from robots import CONFIG
 from ros_processes import read_bag
@@ -26,7 +27,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, RobustReport, WheelMotion
 from ff_planner_ros.planning.motion.watch import SEARCHING, Watch
@@ -98,7 +98,7 @@ def test_every_phase_passes_the_check_of_its_own_task(task: PlanningTask, plan: 
     assert len(plan.phases) == 3
     for one, found in phase_tasks(task, plan):
         problem = lasting(one.problem, found.duration)
-        assert not list(failures(problem, found, one.settings))
+        assert not violations(problem, found, one.settings)
     assert plan.phases[2].trajectory.joint_velocities[-1] == pytest.approx(0.0, abs=1e-9)
 
 

@@ -15,6 +15,7 @@ import reference_program
 import yaml
 from changed_parameters import replaced
 from core_rows import sensitivity_of
+from judging import violations
 from recorded_requests import only_request
 from robots import CONFIG
 from ros_processes import Scene, connected_client, private_domain, running_planner
@@ -24,7 +25,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.messages.plans import plan_from_answer
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import system_frame
@@ -164,8 +164,8 @@ def test_the_check_finds_what_a_search_did_not_keep_and_names_it(
     assert refused.value.status is Status.LIMIT_VIOLATED
     # The same plan, were there none to keep.
     found = perform(PlanningTask(lemur_capture, SETTINGS))
-    assert not [*failures(lemur_capture, found, SETTINGS)]
-    assert [*failures(kept, found, SETTINGS)]
+    assert not violations(lemur_capture, found, SETTINGS)
+    assert violations(kept, found, SETTINGS)
 
 
 def test_a_start_beyond_it_is_refused_at_once(

@@ -93,7 +93,7 @@ def test_a_violent_plan_comes_true_as_well_as_a_tame_one() -> None:
     family = end_effector_paths(problem)
     path = path_program(problem, family, settings).linearise(np.array(VIOLENT))
     nothing = SolverReport(1, 0, 1, np.inf, "a given path")
-    made = plan_of_path(problem, settings, family, Candidate(path, nothing))
+    made, _ = plan_of_path(problem, settings, family, Candidate(path, nothing))
     off = verify(problem.robot, made.trajectory).deviation
     assert off.final_position_error <= 1e-5
     assert off.final_orientation_error <= np.deg2rad(0.005)

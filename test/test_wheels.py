@@ -29,7 +29,6 @@ from ff_planner_ros.planning.motion import certified_least
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.motion import to_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
@@ -315,8 +314,8 @@ def test_a_chaser_that_turns_in_its_samples_is_refused_by_the_check() -> None:
     spin = replace(
         trajectory, chaser_angular_velocities=trajectory.chaser_angular_velocities + 1e-4
     )
-    found = list(Plane().failures(Samples(task.problem, SETTINGS, spin), plan.metrics))
-    assert [one.finding for one in found] == [
+    found = Plane().assess(Samples(task.problem, SETTINGS, spin))
+    assert [one.finding for one in found.failures] == [
         "the chaser is held by wheels, but turns at up to 0.0001 rad/s"
     ]
 
@@ -647,7 +646,7 @@ def test_a_load_that_exceeds_its_limit_between_the_times_of_the_check_is_refused
     weak = replace(robot, wheels=replace(FOUR, torque=tuple(limits.tolist())))
     problem = replace(in_own_frame(held_problem("six joints", FOUR)), robot=weak)
     tracked = SimpleNamespace(problem=problem, followed=motion)
-    (found,) = WheelLimits().failures(cast(Samples, tracked), cast(Metrics, None))
+    (found,) = WheelLimits().assess(cast(Samples, tracked)).failures
     assert found.status is Status.LIMIT_VIOLATED
     assert f"wheel {wheel + 1} may exceed its limit of {limits[wheel]:g} N m" in found.finding
 

@@ -15,7 +15,6 @@ from ff_planner_benchmark.problems.shapes import LINES_EVERY, ROBOTS, SITUATIONS
 from ff_planner_benchmark.problems.tumbling_witness import Witness
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.plan import SolverReport
 from ff_planner_ros.planning.problem.problem import Obstacle
@@ -99,7 +98,7 @@ def test_the_witness_passes_the_planners_own_check(drawn: Drawn[Witness]) -> Non
     _, *motion = witness_at(drawn, problem.points)
     report = SolverReport(0, 0, 0, 0.0, "")
     witness = plan_of_motion(problem, settings, *motion, report)
-    assert [one.finding for one in failures(problem, witness, settings)] == []
+    assert [failure.finding for _, failure in witness.failures] == []
 
 
 def test_the_straight_path_meets_a_body(drawn: Drawn[Witness], situation: str) -> None:

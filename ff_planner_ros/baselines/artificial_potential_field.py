@@ -63,7 +63,7 @@ def artificial_potential_field(
             q, twist = motion.advanced(time, interval / pieces, q, twist)
         samples.append(motion.at((point + 1) * interval, q, twist))
     report = SolverReport(starts=1, iterations=0, rollouts=1, optimality=np.inf, stop_reason="")
-    plan = plan_of_motion(
+    plan, _ = plan_of_motion(
         problem,
         settings,
         np.array([sample.q for sample in samples]),

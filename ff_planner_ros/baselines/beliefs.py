@@ -96,5 +96,5 @@ def executed(problem: PlanningProblem, planned: Plan, settings: PlannerSettings)
     momentum = total_momentum(robot, robot.model.createData(), start, v_start)
     points = np.linspace(0.0, 1.0, problem.points) * problem.duration
     q, v, accelerations = driven(robot, start, momentum, joint_motion(planned.trajectory), points)
-    motion = plan_of_motion(problem, settings, q, v, accelerations, planned.solver)
+    motion, _ = plan_of_motion(problem, settings, q, v, accelerations, planned.solver)
     return frame.plan_seen_by_user(motion)

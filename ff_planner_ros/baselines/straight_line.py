@@ -37,4 +37,4 @@ def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     at_x = path_program(problem, family, settings).linearise(straight)
     if at_x.motion.singular_at is not None:
         raise singular_refusal(at_x.motion.singular_at, problem.duration)
-    return plan_of_path(problem, settings, family, Candidate(at_x, report))
+    return plan_of_path(problem, settings, family, Candidate(at_x, report)).plan

@@ -169,7 +169,7 @@ def _checked_attitude(program: PathProgram, settings: PlannerSettings, stop: Sto
     if not at_x.is_defined:
         return None
     path = Candidate(at_x, SolverReport(1, 0, stop.rollouts, np.inf, stop.message))
-    made = plan_of_path(program.problem, settings, program.family, path)
+    made, _ = plan_of_path(program.problem, settings, program.family, path)
     task = PlanningTask(program.problem, settings)
     try:
         return perform(task, method=without_search(lambda *_: made)).metrics.max_chaser_euler

@@ -54,7 +54,7 @@ def _direct(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     if at_x.motion.singular_at is not None:
         raise singular_refusal(at_x.motion.singular_at, problem.duration)
     report = SolverReport(1, 0, stop.rollouts, float("inf"), stop.message)
-    return plan_of_path(problem, settings, family, Candidate(at_x, report))
+    return plan_of_path(problem, settings, family, Candidate(at_x, report)).plan
 
 
 # The last two assume an immovable chaser, and zero total momentum: the true system executes them.

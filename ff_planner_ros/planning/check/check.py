@@ -6,8 +6,8 @@ and clearance are recomputed by forward kinematics and dynamics from the samples
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,21 +19,41 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements import requirements_of
 from ff_planner_ros.planning.requirements.requirement import ANOTHER_DURATION, Samples
-from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.robot.wheels import momenta_of
 
 # What may help where the best attempt, on few points, violates nothing.
 _TRY_MORE = ("more planner.starts", "more planner.max_iterations")
 
 
-def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
-    """Return the metrics of a trajectory, computed from its samples alone."""
-    samples = Samples(problem, settings, trajectory)
+class Assessed(NamedTuple):
+    """What the check finds along a trajectory."""
+
+    metrics: Metrics
+    wheels: WheelMotion | None  # None: the robot has none
+    # Failures with the names of their requirements, in the order of `REQUIREMENTS`, the most
+    # harmful first; empty: the trajectory keeps all of them
+    failures: tuple[tuple[str, Failure], ...]
+
+
+def assess(
+    problem: PlanningProblem,
+    trajectory: Trajectory,
+    settings: PlannerSettings,
+    may_be_singular: bool = False,
+) -> Assessed:
+    """Return metrics, motion of the wheels and failures of a trajectory, from its samples alone.
+
+    Args:
+        may_be_singular: As of the plan.
+    """
+    samples = Samples(problem, settings, trajectory, may_be_singular)
     to_goal = slice(samples.goal + 1)
-    required: dict[str, Any] = {}
+    required, failures = dict[str, Any](), list[tuple[str, Failure]]()
     for requirement in requirements_of(problem):
-        required |= requirement.metrics(samples)
-    return Metrics(
+        found = requirement.assess(samples)
+        required |= found.metrics
+        failures += ((requirement.name, failure) for failure in found.failures)
+    metrics = Metrics(
         joint_path_length=joint_path_length(
             trajectory.joint_velocities[to_goal],
             problem.duration / samples.goal,
@@ -42,37 +62,34 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
         max_chaser_euler=float(np.abs(chaser_euler(problem.robot, samples.q[to_goal])).max()),
         **required,
     )
+    return Assessed(metrics, _wheels_along(samples), tuple(failures))
 
 
-def wheels_told(
-    problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings
-) -> WheelMotion | None:
-    """Return momenta and torques of the wheels along a trajectory; None without wheels."""
-    robot, wheels, start = problem.robot, problem.robot.wheels, problem.start
+def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
+    """Return the metrics of a trajectory, computed from its samples alone."""
+    return assess(problem, trajectory, settings).metrics
+
+
+def failures(
+    problem: PlanningProblem, plan: Plan, settings: PlannerSettings
+) -> tuple[Failure, ...]:
+    """Return the failures of a plan's trajectory, the most harmful first."""
+    found = assess(problem, plan.trajectory, settings, plan.may_be_singular)
+    return tuple(failure for _, failure in found.failures)
+
+
+def _wheels_along(samples: Samples) -> WheelMotion | None:
+    """Return momenta and torques of the wheels at the points; None without wheels."""
+    robot, wheels, trajectory = (
+        samples.problem.robot,
+        samples.problem.robot.wheels,
+        samples.trajectory,
+    )
     if wheels is None:
         return None
-    samples = Samples(problem, settings, trajectory)
-    q, v = samples.q_and_v
-    stored = momenta_of(wheels, start)
-    rows = wheels_along(robot, wheels, stored, q, v, trajectory.joint_accelerations)
+    stored = momenta_of(wheels, samples.problem.start)
+    rows = wheels_along(robot, wheels, stored, *samples.q_and_v, trajectory.joint_accelerations)
     return WheelMotion(*rows)
-
-
-def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
-    """Yield the failures of a measured plan, in the order of `REQUIREMENTS`: most harmful first."""
-    for _, failure in named_failures(problem, plan, settings):
-        yield failure
-
-
-def named_failures(
-    problem: PlanningProblem, plan: Plan, settings: PlannerSettings
-) -> Iterator[tuple[str, Failure]]:
-    """Yield `failures` with the names of their requirements."""
-    samples = Samples(problem, settings, plan.trajectory)
-    for required in requirements_of(problem):
-        if not (plan.may_be_singular and required.name == SingularValues.name):
-            for failure in required.failures(samples, plan.metrics):
-                yield required.name, failure
 
 
 def refusal(

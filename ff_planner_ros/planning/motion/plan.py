@@ -222,6 +222,14 @@ class RobustReport:
         )
 
 
+def may_be_singular(family: str) -> bool:
+    """Tell whether motions of a family may begin, pass and end at singularities.
+
+    They use no velocity map.
+    """
+    return family in (Parametrisation.JOINT_SPLINE, REMAINDER)
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """A checked plan: motion, metrics, and why the solver stopped."""
@@ -267,8 +275,8 @@ class Plan:
 
     @property
     def may_be_singular(self) -> bool:
-        """Whether the motion may begin, pass and end at singularities: it uses no velocity map."""
-        return self.family in (Parametrisation.JOINT_SPLINE, REMAINDER)
+        """Whether the motion may begin, pass and end at singularities."""
+        return may_be_singular(self.family)
 
     @property
     def message(self) -> str:

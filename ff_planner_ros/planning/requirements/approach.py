@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -16,13 +16,13 @@ from ff_planner_ros.planning.distance.grasp_seen import GraspSeen, grasp_of_path
 from ff_planner_ros.planning.distance.moving_place import least_margin
 from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
+    Assessment,
     Requirement,
     Samples,
 )
@@ -90,24 +90,24 @@ class ApproachCorridor(Requirement):
             return np.inf
         return _least(problem, problem.approach, motion.time, motion.q, motion.v)[0].certified
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the place furthest outside the corridor, and its time."""
+    def assess(self, samples: Samples) -> Assessment:
+        """Return the failure of the place furthest outside the corridor, with its time."""
         problem = samples.problem
         if problem.approach is None:
-            return
+            return Assessment()
         least, place = _least(problem, problem.approach, *samples.followed_to_goal)
         if least.certified >= -LIMIT_TOLERANCE:
-            return
+            return Assessment()
         when, words = samples.at(least.time), _words(problem.approach, place)
         if least.found >= 0.0:
-            yield Failure(
+            failure = Failure(
                 Status.LIMIT_VIOLATED,
                 f"the end effector may leave the corridor of the approach near {when}, {words}: "
                 f"all that is certain is a margin of {least.certified * 1e3:.2f} mm",
                 ("more points", "a larger approach.half_angle"),
             )
-            return
-        yield Failure(
+            return Assessment(failures=(failure,))
+        failure = Failure(
             Status.LIMIT_VIOLATED,
             f"at {when} the end effector is {words}: it is {-least.found * 1e3:.2f} mm beside the "
             "corridor of the approach",
@@ -120,6 +120,7 @@ class ApproachCorridor(Requirement):
                 "more planner.starts",
             ),
         )
+        return Assessment(failures=(failure,))
 
 
 def _least(

@@ -5,15 +5,14 @@ This is for robots with collision geometry; `Clearance` is for centre lines.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Sequence
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, spheres_of
-from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import (
     may_touch,
     split_pairs,
@@ -36,7 +35,6 @@ from ff_planner_ros.planning.distance.search_certificate import (
 from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE, room_of_bodies
 from ff_planner_ros.planning.motion.certified_least import NOTHING, Least, least_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -55,7 +53,11 @@ from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
 )
-from ff_planner_ros.planning.requirements.requirement import Samples, elsewhere
+from ff_planner_ros.planning.requirements.requirement import (
+    Assessment,
+    Samples,
+    elsewhere,
+)
 
 
 class BodyClearance(KeptClear):
@@ -109,11 +111,14 @@ class BodyClearance(KeptClear):
             for part, chosen, last in stretches(problem, motion, split_spheres(problem))
         )
 
-    def metrics(self, samples: Samples) -> Mapping[str, float | str]:
-        """Return the certified clearance from obstacles [m], its pair and its time [s]."""
+    def assess(self, samples: Samples) -> Assessment:
+        """Return the certified clearance from obstacles [m], its pair and its time [s].
+
+        The failure is the deepest collision with a sphere.
+        """
         problem = samples.problem
         if not problem.robot.bodies:
-            return {}
+            return Assessment()
         spheres = _from_spheres(problem, samples.followed)
         others = least_from_obstacles(problem, samples.followed)
         least = least_of(spheres, others)
@@ -122,22 +127,16 @@ class BodyClearance(KeptClear):
             if spheres.found <= others.found
             else body_and_obstacle(problem, least)
         )
-        return {
+        found = {
             "min_clearance": least.certified,
             "min_clearance_pair": "/".join(names),
             "min_clearance_time": least.time,
         }
-
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the deepest collision."""
-        problem = samples.problem
-        if not problem.robot.bodies or metrics.min_clearance >= 0.0:
-            return
-        least = _from_spheres(problem, samples.followed)
-        if problem.obstacle_bodies and least.certified >= 0.0:
-            return
-        body, sphere = _body_and_sphere(problem, least)
-        yield collision(samples, least, body, f"obstacle {sphere}", detours(problem))
+        if spheres.certified >= 0.0:
+            return Assessment(found)
+        body, sphere = _body_and_sphere(problem, spheres)
+        failure = collision(samples, spheres, body, f"obstacle {sphere}", detours(problem))
+        return Assessment(found, (failure,))
 
 
 class SelfClearance(KeptClear):
@@ -164,27 +163,23 @@ class SelfClearance(KeptClear):
             for part, chosen, last in stretches(problem, motion, split_pairs(problem))
         )
 
-    def metrics(self, samples: Samples) -> Mapping[str, float | str]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the certified clearance between bodies [m], its pair and its time [s]."""
         problem = samples.problem
         least = _of_pairs(problem, samples.followed)
-        return {
+        pair = _two_bodies(problem, least)
+        found = {
             "min_self_clearance": least.certified,
-            "min_self_clearance_pair": "/".join(_two_bodies(problem, least)),
+            "min_self_clearance_pair": "/".join(pair),
             "min_self_clearance_time": least.time,
         }
-
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the deepest collision."""
-        if metrics.min_self_clearance >= 0.0 or not samples.problem.robot.pairs:
-            return
-        least = _of_pairs(samples.problem, samples.followed)
-        first, second = _two_bodies(samples.problem, least)
-        advice = elsewhere(samples.problem), "a longer duration", "more planner.starts"
-        yield collision(samples, least, first, second, advice)
+        if least.certified >= 0.0:
+            return Assessment(found)
+        advice = elsewhere(problem), "a longer duration", "more planner.starts"
+        first, second = pair
+        return Assessment(found, (collision(samples, least, first, second, advice),))
 
 
-@lru_cache(maxsize=4)
 def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     """Return the least distance of any body from any sphere where they must not touch."""
     robot, spheres = problem.robot, problem.spheres
@@ -199,7 +194,6 @@ def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     )
 
 
-@lru_cache(maxsize=4)
 def _of_pairs(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     """Return the least distance of any pair of bodies that must not touch."""
     if not problem.robot.pairs:

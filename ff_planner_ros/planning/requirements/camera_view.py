@@ -9,7 +9,7 @@ inertial axes, and o the origin of a joint, the measure changes with the joint's
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -21,13 +21,13 @@ from ff_planner_ros.planning.distance.grasp_seen import GraspSeen, grasp_of_path
 from ff_planner_ros.planning.distance.moving_place import least_margin, places_between
 from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
+    Assessment,
     Requirement,
     Samples,
 )
@@ -100,45 +100,43 @@ class CameraView(Requirement):
         away = max(float(np.linalg.norm(place)), abs(least.certified), np.finfo(float).tiny)
         return math.asin(least.certified / away)
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the largest angle of the goal off the camera's axis, while it must be in view."""
         problem, camera = samples.problem, samples.problem.camera
         if camera is None:
-            return {}
+            return Assessment()
         times, *motion = samples.followed_to_goal
         places = places_between(times, *_goal_seen(problem, camera, times, *motion), _BETWEEN)
         far = camera.nearness(places) < 0.0
-        return {"max_view_angle": float(camera.angles(places)[far].max(initial=0.0))}
-
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the place of the goal furthest out of view, and its time."""
-        problem, camera = samples.problem, samples.problem.camera
-        if camera is None:
-            return
-        least, place = _least(problem, camera, *samples.followed_to_goal)
+        found = {"max_view_angle": float(camera.angles(places)[far].max(initial=0.0))}
+        least, place = _least(problem, camera, times, *motion)
         if least.certified >= -LIMIT_TOLERANCE:
-            return
-        when, words = samples.at(least.time), _words(camera, place)
-        if least.found >= 0.0:
-            yield Failure(
-                Status.LIMIT_VIOLATED,
-                f"the goal may leave the view of the camera near {when}, where {words}: all that "
-                f"is certain is a margin of {least.certified * 1e3:.2f} mm",
-                ("more points", "a larger camera.half_angle"),
-            )
-            return
-        yield Failure(
+            return Assessment(found)
+        return Assessment(found, (_out_of_view(samples, camera, least, place),))
+
+
+def _out_of_view(samples: Samples, camera: Camera, least: Least, place: Array) -> Failure:
+    """Return the failure of the goal where it is furthest out of view, or may be."""
+    when, words = samples.at(least.time), _words(camera, place)
+    if least.found >= 0.0:
+        return Failure(
             Status.LIMIT_VIOLATED,
-            f"the goal is out of view at {when}: {words}",
-            (
-                "a larger camera.half_angle",
-                "a larger camera.until",
-                "another camera.axis or camera.link",
-                "a longer duration",
-                "more points",
-                "more planner.starts",
-            ),
+            f"the goal may leave the view of the camera near {when}, where {words}: all that "
+            f"is certain is a margin of {least.certified * 1e3:.2f} mm",
+            ("more points", "a larger camera.half_angle"),
         )
+    return Failure(
+        Status.LIMIT_VIOLATED,
+        f"the goal is out of view at {when}: {words}",
+        (
+            "a larger camera.half_angle",
+            "a larger camera.until",
+            "another camera.axis or camera.link",
+            "a longer duration",
+            "more points",
+            "more planner.starts",
+        ),
+    )
 
 
 def _mount(robot: Robot, camera: Camera) -> tuple[int, pin.SE3]:

@@ -6,7 +6,7 @@ limits the rotation angle, which is mostly larger.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -15,13 +15,13 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.pose_motion import attitudes_by_body_rates
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
+    Assessment,
     Requirement,
     Samples,
 )
@@ -65,26 +65,28 @@ class ChaserAttitude(Requirement):
         _, angles = _angles(problem.robot, motion)
         return limit - float(angles.max())
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the largest Euler angle, if it exceeds the limit, and its time."""
+    def assess(self, samples: Samples) -> Assessment:
+        """Return the failure of the largest Euler angle, if it exceeds the limit, and its time."""
         limit = samples.problem.limits.chaser_attitude
         if np.isinf(limit):
-            return
+            return Assessment()
         times, angles = _angles(samples.problem.robot, samples.followed)
         worst = int(angles.argmax())
-        if not angles[worst] <= limit + LIMIT_TOLERANCE:
-            yield Failure(
-                Status.LIMIT_VIOLATED,
-                f"the chaser's largest Euler angle is {angles[worst]:.4f} rad at "
-                f"{samples.at(times[worst])}, {angles[worst] - limit:.3g} rad more "
-                f"than limits.chaser_attitude, {limit:g} rad",
-                (
-                    "a larger limits.chaser_attitude",
-                    "a larger objective.chaser_attitude",
-                    "a longer duration",
-                    "more planner.starts",
-                ),
-            )
+        if angles[worst] <= limit + LIMIT_TOLERANCE:
+            return Assessment()
+        failure = Failure(
+            Status.LIMIT_VIOLATED,
+            f"the chaser's largest Euler angle is {angles[worst]:.4f} rad at "
+            f"{samples.at(times[worst])}, {angles[worst] - limit:.3g} rad more "
+            f"than limits.chaser_attitude, {limit:g} rad",
+            (
+                "a larger limits.chaser_attitude",
+                "a larger objective.chaser_attitude",
+                "a longer duration",
+                "more planner.starts",
+            ),
+        )
+        return Assessment(failures=(failure,))
 
 
 @lru_cache(maxsize=2)  # what is measured first is judged soon after

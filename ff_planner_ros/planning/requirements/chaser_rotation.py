@@ -17,7 +17,7 @@ smooth too, but a path far beyond the limit would halve its excess in each of th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -25,13 +25,13 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.chaser_attitude import attitudes_along
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
+    Assessment,
     Requirement,
     Samples,
 )
@@ -75,17 +75,17 @@ class ChaserRotation(Requirement):
         _, angles = _angles(problem.robot, motion)
         return problem.limits.chaser_rotation - float(angles.max())
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the largest rotation angle at any time, after the goal too [rad]."""
-        _, angles = _angles(samples.problem.robot, samples.followed)
-        return {"max_chaser_rotation": float(angles.max())}
+        angles = _angles(samples.problem.robot, samples.followed)
+        found = {"max_chaser_rotation": float(angles[1].max())}
+        return Assessment(found, tuple(self._failures(samples, *angles)))
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _failures(self, samples: Samples, times: Array, angles: Array) -> Iterator[Failure]:
         """Yield the largest rotation angle, if it exceeds the limit, and its time."""
         if not _is_limited(samples.problem):
             return
         limit = samples.problem.limits.chaser_rotation
-        times, angles = _angles(samples.problem.robot, samples.followed)
         worst = int(angles.argmax())
         if not angles[worst] <= limit + LIMIT_TOLERANCE:
             yield Failure(

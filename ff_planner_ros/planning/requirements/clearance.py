@@ -8,7 +8,7 @@ outside every sphere at every point.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,6 @@ from ff_planner_ros.planning.distance.start_room import (
 )
 from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -57,6 +56,7 @@ from ff_planner_ros.planning.requirements.obstacle_clearance import (
 )
 from ff_planner_ros.planning.requirements.requirement import (
     OF_INTEREST,
+    Assessment,
     Samples,
     elsewhere,
 )
@@ -127,11 +127,20 @@ class Clearance(KeptClear):
         asked = problem.robot, motion.q[at], motion.v[at], motion.time[at], problem.spheres
         return search_certificate(*asked, certificate_gap(problem), SLACK_PART)
 
-    def metrics(self, samples: Samples) -> Mapping[str, float | str]:
-        """Return R_obst and, of robots with centre lines, the certified clearance [m]."""
+    def assess(self, samples: Samples) -> Assessment:
+        """Return R_obst and, of robots with centre lines, the certified clearance [m].
+
+        Failures are the deepest collision, and an obstacle that the last point is too near to.
+        """
+        found = self._metrics(samples)
+        nearest = found.get("min_clearance", np.inf)
+        failures = *self._collision(samples, nearest), *_too_near_at_end(samples)
+        return Assessment(found, failures)
+
+    def _metrics(self, samples: Samples) -> Mapping[str, Any]:
         problem, settings, times = samples.problem, samples.settings, samples.trajectory.time
         at_points = clearances(samples.arm, times, segments(samples.arm), problem.spheres)
-        found: dict[str, float | str] = {
+        found: dict[str, Any] = {
             "penalty": penalty(at_points.distance, settings.penalty_gain, settings.penalty_exponent)
         }
         if problem.robot.geometry is Geometry.SHAPES:
@@ -152,14 +161,9 @@ class Clearance(KeptClear):
             "min_clearance_time": time,
         }
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the deepest collision, and an obstacle that the last point is too near to."""
-        yield from self._collision(samples, metrics)
-        yield from _too_near_at_end(samples)
-
-    def _collision(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _collision(self, samples: Samples, clearance: float) -> Iterator[Failure]:
         problem = samples.problem
-        if problem.robot.geometry is Geometry.SHAPES or metrics.min_clearance >= 0.0:
+        if problem.robot.geometry is Geometry.SHAPES or clearance >= 0.0:
             return
         arm = arm_points(problem.robot, samples.followed.q)
         if problem.obstacle_bodies and not (
@@ -167,7 +171,7 @@ class Clearance(KeptClear):
         ):
             return
         nearest = _nearest(problem, samples.followed, arm)
-        least = Least(metrics.min_clearance, nearest.distance, -1, nearest.time)
+        least = Least(clearance, nearest.distance, -1, nearest.time)
         link = link_name(problem.robot, nearest.segment)
         yield collision(samples, least, link, f"obstacle {nearest.obstacle}", detours(problem))
 

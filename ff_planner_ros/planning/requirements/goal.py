@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import Orientation, Posture, Target
 from ff_planner_ros.planning.requirements.requirement import (
+    Assessment,
     Requirement,
     Samples,
     too_large,
@@ -36,25 +36,25 @@ class Goal(Requirement):
 
     name = "goal"
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the final errors [m, rad]: the larger of those of samples and tracked motion."""
-        robot, target, motion = samples.problem.robot, samples.problem.target, samples.followed
+        robot, target, settings = samples.problem.robot, samples.problem.target, samples.settings
         if samples.problem.posture is not None:  # of the end effector nothing is asked
-            return {"final_position_error": 0.0, "final_orientation_error": 0.0}
+            none = {"final_position_error": 0.0, "final_orientation_error": 0.0}
+            return Assessment(none, tuple(_off_posture(samples, samples.problem.posture)))
+        motion = samples.followed
         reached = motion.q[motion.pieces * samples.goal]
         misses = [miss(robot, q, target) for q in (reached, samples.q[samples.goal])]
         position, turn = np.linalg.norm(misses, axis=2).max(axis=0).tolist()
-        return {"final_position_error": position, "final_orientation_error": turn}
-
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield each error that is too large."""
-        if samples.problem.posture is not None:
-            yield from _off_posture(samples, samples.problem.posture)
-        for quantity, unit in (("position", " m"), ("orientation", " rad")):
-            tolerance = getattr(samples.settings, f"{quantity}_tolerance")
-            yield from too_large(
-                metrics, f"final_{quantity}_error", tolerance, unit, _FOLLOW, "a nearer goal"
-            )
+        found, advice = dict[str, float](), (_FOLLOW, "a nearer goal")
+        failures = list[Failure]()
+        for name, error, tolerance, unit in (
+            ("final_position_error", position, settings.position_tolerance, " m"),
+            ("final_orientation_error", turn, settings.orientation_tolerance, " rad"),
+        ):
+            found[name] = error
+            failures += too_large(name, error, tolerance, unit, *advice)
+        return Assessment(found, failures)
 
 
 def _off_posture(samples: Samples, posture: Posture) -> Iterator[Failure]:

@@ -8,7 +8,7 @@ closed forms.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, obstacles_of
-from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import may_touch, split_obstacles, stretches
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import least_obstacle_distance
@@ -30,7 +30,6 @@ from ff_planner_ros.planning.distance.search_certificate import search_distance
 from ff_planner_ros.planning.distance.start_room import room_of_obstacles
 from ff_planner_ros.planning.motion.certified_least import NOTHING, Least, least_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -41,7 +40,7 @@ from ff_planner_ros.planning.requirements.collisions import (
     collision,
     detours,
 )
-from ff_planner_ros.planning.requirements.requirement import Samples
+from ff_planner_ros.planning.requirements.requirement import Assessment, Samples
 from ff_planner_ros.robot.collision.lines import with_bodies
 
 
@@ -107,15 +106,15 @@ class ObstacleClearance(KeptClear):
             for part, chosen, last in stretches(problem, motion, split_obstacles(problem))
         )
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the deepest collision."""
+    def assess(self, samples: Samples) -> Assessment:
+        """Return the failure of the deepest collision."""
         problem = samples.problem
-        if not problem.obstacle_bodies or metrics.min_clearance >= 0.0:
-            return
         least = least_from_obstacles(problem, samples.followed)
-        if least.certified < 0.0:
-            body, obstacle = body_and_obstacle(problem, least)
-            yield collision(samples, least, body, f"obstacle {obstacle}", detours(problem))
+        if least.certified >= 0.0:
+            return Assessment()
+        body, obstacle = body_and_obstacle(problem, least)
+        failure = collision(samples, least, body, f"obstacle {obstacle}", detours(problem))
+        return Assessment(failures=(failure,))
 
 
 @lru_cache(maxsize=4)

@@ -8,8 +8,11 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.motion.metrics import Metrics
-from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
+from ff_planner_ros.planning.requirements.requirement import (
+    Assessment,
+    Requirement,
+    Samples,
+)
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
@@ -22,21 +25,23 @@ class Plane(Requirement):
 
     name = "plane"
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield each motion of the chaser that its base does not allow."""
+    def assess(self, samples: Samples) -> Assessment:
+        """Return a failure for each motion of the chaser that its base does not allow."""
         base = samples.problem.robot.base
         if base is Base.FREE_FLYER:
-            return
+            return Assessment()
         is_planar = base is Base.PLANAR
         words = "leaves the plane of its base: it" if is_planar else "is held by wheels, but"
-        for what, off, unit in _off_plane(samples) if is_planar else _turned(samples):
-            most = float(np.abs(off).max())
-            if not most <= _ROUNDING:
-                yield Failure(
-                    Status.CHECK_FAILED,
-                    f"the chaser {words} {what} up to {most:.3g} {unit}",
-                    ("a report to the maintainers, for this is a fault of the planner",),
-                )
+        failures = [
+            Failure(
+                Status.CHECK_FAILED,
+                f"the chaser {words} {what} up to {np.abs(off).max():.3g} {unit}",
+                ("a report to the maintainers, for this is a fault of the planner",),
+            )
+            for what, off, unit in (_off_plane if is_planar else _turned)(samples)
+            if not np.abs(off).max() <= _ROUNDING
+        ]
+        return Assessment(failures=failures)
 
 
 def _off_plane(samples: Samples) -> Iterator[tuple[str, Array, str]]:

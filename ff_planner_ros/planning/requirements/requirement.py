@@ -6,9 +6,9 @@ The check measures the plan's samples alone and never uses the solver's rows.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import ClassVar, NamedTuple, Self
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.system_frame import SystemFrame
@@ -27,7 +26,6 @@ from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.dynamics import joint_torques
-from ff_planner_ros.robot.model import Robot
 
 # A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
 # limit: rad, rad/s, N m, and that of singular values.
@@ -54,82 +52,46 @@ class Rows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Tracked:
-    """Quantities derived from a trajectory alone, whatever is asked of it."""
-
-    robot: Robot
-    trajectory: Trajectory
-
-    @cached_property
-    def q_and_v(self) -> tuple[Array, Array]:
-        """Configurations and tangent velocities. (points, 7 + joints), (points, 6 + joints)."""
-        return from_trajectory(self.robot, self.trajectory)
-
-    @cached_property
-    def followed(self) -> FollowedMotion:
-        """Motion of the system, between the points too, when a controller tracks the joints."""
-        q, v = self.q_and_v
-        return followed(self.robot, q[0], v[0], joint_motion(self.trajectory))
-
-    @cached_property
-    def arm(self) -> Array:
-        """Joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
-        return arm_points(self.robot, self.q_and_v[0])
-
-    @cached_property
-    def torques(self) -> Array:
-        """Joint torques by inverse dynamics, without external forces. (points, joints) [N m, N]."""
-        accelerations = self.trajectory.joint_accelerations
-        return joint_torques(self.robot, *self.q_and_v, accelerations, self.maps)
-
-    @cached_property
-    def maps(self) -> Array | None:
-        """Of `followed`, at the points: they depend on the joints alone."""
-        maps = self.followed.maps
-        return None if maps is None else maps[:: self.followed.pieces]
-
-
-@dataclass(frozen=True, eq=False)
 class Samples:
     """A plan's trajectory points, and quantities derived from them that requirements share."""
 
     problem: PlanningProblem
     settings: PlannerSettings  # for tolerances
     trajectory: Trajectory  # points after the problem's duration are the post-goal segment
+    may_be_singular: bool = False  # the motion may begin, pass and end at singularities
 
     @cached_property
-    def _tracked(self) -> Tracked:
-        return _tracked(self.problem.robot, self.trajectory)
-
-    @property
     def q_and_v(self) -> tuple[Array, Array]:
-        """As of `Tracked`."""
-        return self._tracked.q_and_v
+        """Configurations and tangent velocities. (points, 7 + joints), (points, 6 + joints)."""
+        return from_trajectory(self.problem.robot, self.trajectory)
 
     @property
     def q(self) -> Array:
         """Configurations. Shape (points, 7 + joints)."""
         return self.q_and_v[0]
 
-    @property
+    @cached_property
     def followed(self) -> FollowedMotion:
-        """As of `Tracked`."""
-        return self._tracked.followed
+        """Motion of the system, between the points too, when a controller tracks the joints."""
+        q, v = self.q_and_v
+        return followed(self.problem.robot, q[0], v[0], joint_motion(self.trajectory))
 
-    @property
+    @cached_property
     def arm(self) -> Array:
-        """As of `Tracked`."""
-        return self._tracked.arm
+        """Joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
+        return arm_points(self.problem.robot, self.q)
 
-    @property
+    @cached_property
     def torques(self) -> Array:
-        """As of `Tracked`."""
-        return self._tracked.torques
+        """Joint torques by inverse dynamics, without external forces. (points, joints) [N m, N]."""
+        accelerations = self.trajectory.joint_accelerations
+        return joint_torques(self.problem.robot, *self.q_and_v, accelerations, self.maps)
 
     @property
     def maps(self) -> Array | None:
-        """As of `Tracked`."""
-        return self._tracked.maps
+        """Of `followed`, at the points: they depend on the joints alone."""
+        maps = self.followed.maps
+        return None if maps is None else maps[:: self.followed.pieces]
 
     @cached_property
     def goal(self) -> int:
@@ -156,9 +118,13 @@ class Samples:
         return f"the goal, {words}" if time == goal else words
 
 
-@lru_cache(maxsize=2)  # what a search measures for its objective is judged soon after
-def _tracked(robot: Robot, trajectory: Trajectory) -> Tracked:
-    return Tracked(robot, trajectory)
+@dataclass(frozen=True)
+class Assessment:
+    """What a requirement measures along a plan, and where the plan violates it."""
+
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    # Where, and by how much, the plan violates it, and what may help; empty: it does not
+    failures: Sequence[Failure] = ()
 
 
 class Requirement:
@@ -235,13 +201,9 @@ class Requirement:
         """
         return np.inf
 
-    def metrics(self, samples: Samples) -> Mapping[str, float | str | tuple[float, ...]]:
-        """Return metrics by their names in `METRICS`, measured from the samples."""
-        return {}
-
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield where, and by how much, a plan violates the requirement, and what may help."""
-        yield from ()
+    def assess(self, samples: Samples) -> Assessment:
+        """Return metrics by their names in `METRICS` and failures, both from the samples alone."""
+        return Assessment()
 
 
 def elsewhere(problem: PlanningProblem) -> str:
@@ -263,10 +225,9 @@ def eased(limits: Array, at_start: Array, excess: Array | float = ALLOWED_EXCESS
 
 
 def too_large(
-    metrics: Metrics, name: str, tolerance: float, unit: str, *advice: str
+    name: str, value: float, tolerance: float, unit: str, *advice: str
 ) -> Iterator[Failure]:
     """Yield a failure if the metric of this name, an error, exceeds its tolerance or is NaN."""
-    value = getattr(metrics, name)
     if not value <= tolerance:
         yield Failure(
             Status.CHECK_FAILED,

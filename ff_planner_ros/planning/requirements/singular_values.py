@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     ANOTHER_DURATION,
     LIMIT_TOLERANCE,
+    Assessment,
     Requirement,
     Samples,
     elsewhere,
@@ -65,24 +65,22 @@ class SingularValues(Requirement):
             return ()
         return (compiled.singular_value_above(problem.robot.base.rows, margin, _OF_INTEREST),)
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
-        """Return the smallest singular value at the points."""
-        values = smallest_singular_values(samples.problem.robot, samples.q, samples.maps)
-        return {"min_singular_value": float(values.min())}
-
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the most singular point, if its singular value is below the threshold."""
+    def assess(self, samples: Samples) -> Assessment:
+        """Return the smallest singular value at the points; a failure if it is too small."""
         threshold = samples.settings.singular_value_threshold
-        if metrics.min_singular_value >= threshold - LIMIT_TOLERANCE:
-            return
-        point = smallest_singular_values(samples.problem.robot, samples.q).argmin()
-        yield Failure(
+        values = smallest_singular_values(samples.problem.robot, samples.q, samples.maps)
+        point, smallest = values.argmin(), float(values.min())
+        found = {"min_singular_value": smallest}
+        if samples.may_be_singular or smallest >= threshold - LIMIT_TOLERANCE:
+            return Assessment(found)
+        failure = Failure(
             Status.SINGULAR,
             f"the arm is in a dynamic singularity at {samples.when(point)}: the smallest "
-            f"singular value of the generalised Jacobian is {metrics.min_singular_value:.3g}, "
-            f"allowed is {threshold:g}",
+            f"singular value of the generalised Jacobian is {smallest:.3g}, allowed is "
+            f"{threshold:g}",
             ("a nearer goal", elsewhere(samples.problem), ANOTHER_DURATION),
         )
+        return Assessment(found, (failure,))
 
 
 def is_regular(robot: Robot, q: Array, settings: PlannerSettings) -> bool:

@@ -6,8 +6,7 @@ derivatives; the check takes both from Pinocchio's centroidal algorithms, and ce
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,6 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.wheel_motion import (
     WheelPeaks,
     certain_peaks,
@@ -29,6 +27,7 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
+    Assessment,
     Requirement,
     Samples,
     eased,
@@ -36,7 +35,7 @@ from ff_planner_ros.planning.requirements.requirement import (
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import torques_on_base
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.state import STORED, SystemState
+from ff_planner_ros.robot.state import STORED
 from ff_planner_ros.robot.wheels import Wheels, momenta_of
 
 # A load further from its limit than this fraction of it cannot reach it in one solver step.
@@ -126,29 +125,31 @@ class WheelLimits(Requirement):
         peaks = peaks_of_wheels(*loads, motion)
         return min(float(one.left.min()) for one in _judged(wheels, peaks))
 
-    def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the largest momentum [N m s] and torque [N m] of each wheel, if there are any."""
         problem, wheels = samples.problem, samples.problem.robot.wheels
         if wheels is None:
-            return {}
-        found = peaks_along(problem.robot, wheels, problem.start, samples.followed)
-        return {
+            return Assessment()
+        found = wheel_peaks(problem.robot, wheels, problem.start, samples.followed)
+        metrics = {
             name: tuple(np.abs(peaks.values).tolist())
             for name, peaks in (
                 ("peak_wheel_momenta", found.momenta),
                 ("peak_wheel_torques", found.torques),
             )
         }
+        return Assessment(metrics, tuple(self._failures(samples, wheels, found)))
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _failures(self, samples: Samples, wheels: Wheels, peaks: WheelPeaks) -> Iterator[Failure]:
         """Yield the wheels that exceed momentum and torque limits by the largest fraction."""
-        problem, wheels = samples.problem, samples.problem.robot.wheels
-        if wheels is None or not _is_limited(wheels):
+        if not _is_limited(wheels):
             return
-        peaks = peaks_along(problem.robot, wheels, problem.start, samples.followed)
+        robot, motion = samples.problem.robot, samples.followed
         judged = _judged(wheels, peaks)
         if all((one.left >= 0.0).all() for one in judged):
-            certain, allowed = _certain(problem.robot, wheels, problem.start, samples.followed)
+            limits = np.concatenate([one.limits for one in judged])
+            allowed = (1.0 + ALLOWED_EXCESS) * limits + LIMIT_TOLERANCE
+            certain = certain_peaks(robot, wheels, motion, peaks, allowed)
             yield from _uncertain(judged, certain, allowed)
             return
         for one in judged:
@@ -206,25 +207,6 @@ def _uncertain(judged: Sequence[_Judged], certain: Array, allowed: Array) -> Ite
             f"{one.unit} or less",
             ("more points", "a longer duration", *one.advice),
         )
-
-
-@lru_cache(maxsize=2)
-def _certain(
-    robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
-) -> tuple[Array, Array]:
-    """Return `certain_peaks` of a motion, and what is allowed; a plan is judged twice."""
-    peaks = peaks_along(robot, wheels, start, motion)
-    limits = np.concatenate([one.limits for one in _judged(wheels, peaks)])
-    allowed = (1.0 + ALLOWED_EXCESS) * limits + LIMIT_TOLERANCE
-    return certain_peaks(robot, wheels, motion, peaks, allowed), allowed
-
-
-@lru_cache(maxsize=2)  # what is measured first is judged soon after
-def peaks_along(
-    robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
-) -> WheelPeaks:
-    """Return `wheel_peaks`, cached."""
-    return wheel_peaks(robot, wheels, start, motion)
 
 
 def exceeds_at_points(problem: PlanningProblem, q: Array, v: Array, accelerations: Array) -> bool:

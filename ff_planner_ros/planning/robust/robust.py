@@ -17,7 +17,6 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, OutOfTime, Status
-from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.motion.plan import Plan, RobustReport
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
@@ -128,11 +127,7 @@ def _fixed_point(asked: _Asked, sigmas: float) -> Plan | NoPlanFound:
         kept = _margins(asked, found)
         lacking = [one for one in kept if one.lacking(sigmas).size]
         if not lacking:
-            return replace(
-                found,
-                metrics=measure(lasting(problem, found.duration), found.trajectory, asked.settings),
-                robust=_report(asked, sigmas, kept, back_off, rounds),
-            )
+            return replace(found, robust=_report(asked, sigmas, kept, back_off, rounds))
         larger = increase(back_off, sigmas, lacking, asked.largest)
         exhausted = exhausted_limits(problem, larger)
         beyond = [one for one in lacking if one.kind in exhausted]

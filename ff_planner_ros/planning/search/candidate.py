@@ -1,18 +1,20 @@
-"""What a search tried and found: its effort, paths, and the plans along them, not yet checked."""
+"""What a search tried and found: its effort, paths, and the plans along them, checked."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.check.check import measure, wheels_told
+from ff_planner_ros.errors import Failure
+from ff_planner_ros.planning.check.check import assess
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.followed_path import followed_path
 from ff_planner_ros.planning.motion.motion import to_trajectory
-from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory, may_be_singular
 from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -60,10 +62,17 @@ class Candidate:
     followed: FollowedMotion | None = None  # the tracked motion; None: not computed yet
 
 
+class CheckedPlan(NamedTuple):
+    """A plan, and what it violates."""
+
+    plan: Plan
+    failures: tuple[tuple[str, Failure], ...]  # with the names of their requirements; empty: sound
+
+
 def plan_of_path(
     problem: PlanningProblem, settings: PlannerSettings, family: PathFamily, path: Candidate
-) -> Plan:
-    """Return the plan along a regular path of the family, measured but not checked."""
+) -> CheckedPlan:
+    """Return the plan along a regular path of the family."""
     motion = path.at_x.motion
     q, v, acceleration = motion.q, motion.v, path.at_x.acceleration
     driven = path.followed or followed_path(problem, q, v, acceleration)
@@ -71,14 +80,16 @@ def plan_of_path(
     if len(at_points) < len(q) or not _is_near(at_points, q):
         q, v = at_points, driven.v[:: driven.pieces]
         acceleration = accelerations(problem.robot, q, v, driven.joints.accelerations)
-    plain = plan_of_motion(problem, settings, q, v, acceleration, path.report)
-    return replace(
+    plain, failures = plan_of_motion(
+        problem, settings, q, v, acceleration, path.report, family.name
+    )
+    plan = replace(
         plain,
         xi=family.decision_variables(motion.x),
         orientation_reading=family.reading,
-        family=family.name,
         coefficients=motion.x,
     )
+    return CheckedPlan(plan, failures)
 
 
 def _is_near(q: Array, others: Array) -> bool:
@@ -102,24 +113,29 @@ def plan_of_motion(
     v: Array,
     acceleration: Array,
     solver: SolverReport,
-) -> Plan:
-    """Return the plan along any motion, measured but not checked.
+    family: str = "",
+) -> CheckedPlan:
+    """Return the plan along any motion.
 
     Args:
         q: Configurations at equal steps of time. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
         acceleration: dv/dt. Shape (points, 6 + joints).
+        family: Of the plan.
     """
     time = np.linspace(0.0, 1.0, len(q)) * problem.duration
     trajectory = to_trajectory(problem.robot, time, q, v, acceleration)
-    return Plan(
+    found = assess(problem, trajectory, settings, may_be_singular(family))
+    plan = Plan(
         joint_names=problem.robot.joint_names,
         trajectory=trajectory,
         xi=np.empty(0),
         orientation_reading="",
-        metrics=measure(problem, trajectory, settings),
+        metrics=found.metrics,
         solver=solver,
+        family=family,
         duration=problem.duration,
-        wheels=wheels_told(problem, trajectory, settings),
+        wheels=found.wheels,
         turn_rate_at_rest=_turn_rate_at_rest(problem, trajectory),
     )
+    return CheckedPlan(plan, found.failures)

@@ -10,7 +10,6 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import EndedBy, Failure
-from ff_planner_ros.planning.check.check import failures, named_failures
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.motion.watch import (
@@ -34,7 +33,12 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.requirements.wheels import WheelLimits, exceeds_at_points
-from ff_planner_ros.planning.search.candidate import Candidate, Effort, plan_of_path
+from ff_planner_ros.planning.search.candidate import (
+    Candidate,
+    CheckedPlan,
+    Effort,
+    plan_of_path,
+)
 from ff_planner_ros.planning.search.grid import Grid, grids_of
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
@@ -222,8 +226,8 @@ class GridSolver:
         if solution.at_x.is_defined:
             self.watch.require_time(CHECKING)
             self.watch.report(self._progress(CHECKING, solution.at_x))
-            plan = self._plan_along(solution, followed)
-            if not any(failures(self.problem, plan, self.settings)):
+            plan, failures = self._plan_along(solution, followed)
+            if not failures:
                 self.watch.offer(plan)
                 yield plan
 
@@ -246,10 +250,9 @@ class GridSolver:
         best = min(attempts, key=rank)
         if best.at_x.motion.singular_at is not None:
             return None, [], best.at_x.motion.singular_at
-        plan = self._plan_along(best, None)
+        plan, failures = self._plan_along(best, None)
         plan = replace(plan, solver=replace(plan.solver, ended_by=""))  # the search goes on, or not
-        named = named_failures(self.problem, plan, self.settings)
-        hardest_first = sorted(named, key=lambda one: self.effort.met[one[0]])
+        hardest_first = sorted(failures, key=lambda one: self.effort.met[one[0]])
         return plan, hardest_first, 0.0
 
     def report(self, solution: PathSolution) -> SolverReport:
@@ -258,7 +261,7 @@ class GridSolver:
         found = SolverReport(0, 0, 0, solution.optimality, solution.stop_reason, ended_by)
         return self.effort.report(found)
 
-    def _plan_along(self, solution: PathSolution, followed: FollowedMotion | None) -> Plan:
+    def _plan_along(self, solution: PathSolution, followed: FollowedMotion | None) -> CheckedPlan:
         path = Candidate(solution.at_x, self.report(solution), followed)
         return plan_of_path(self.problem, self.settings, self.program.family, path)
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
-from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.motion.followed_path import followed_joints
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -137,6 +136,5 @@ def _unchanged(problem: PlanningProblem, settings: PlannerSettings, rest: Remain
     by_time = accelerations(robot, q, v, joints.accelerations)
     reason = "good enough: the remainder of the running plan"
     report = SolverReport(1, 0, 0, np.inf, reason, EndedBy.CONVERGED)
-    plan = plan_of_motion(problem, settings, q, v, by_time, report)
-    plan = replace(plan, family=REMAINDER)
-    return None if any(failures(problem, plan, settings)) else plan
+    plan, failures = plan_of_motion(problem, settings, q, v, by_time, report, REMAINDER)
+    return None if failures else plan

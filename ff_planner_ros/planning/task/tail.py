@@ -12,7 +12,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array, finite_number
 from ff_planner_ros.core.velocity_map import Velocity, velocity
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.check.check import failures, measure, wheels_told
+from ff_planner_ros.planning.check.check import assess
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.motion import from_trajectory, to_trajectory
@@ -96,9 +96,9 @@ def with_tail(
         tail = driven(robot, q[-1], momentum, ramp, finer)
     after = to_trajectory(robot, problem.duration + time, *(rows[::steps] for rows in tail))
     whole = motion.followed_by(after)
-    longer = replace(plan, trajectory=whole, metrics=measure(problem, whole, settings))
-    longer = replace(longer, wheels=wheels_told(problem, whole, settings))
-    found = list(failures(problem, longer, settings))
+    metrics, wheels, named = assess(problem, whole, settings, plan.may_be_singular)
+    longer = replace(plan, trajectory=whole, metrics=metrics, wheels=wheels)
+    found = [failure for _, failure in named]
     if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
         found += _lost_hold(problem, whole, settings)
     if found:

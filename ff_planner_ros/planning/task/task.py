@@ -19,7 +19,7 @@ from ff_planner_ros.errors import (
     OutOfTime,
     Status,
 )
-from ff_planner_ros.planning.check.check import failures, out_of_time, refusal
+from ff_planner_ros.planning.check.check import assess, out_of_time, refusal
 from ff_planner_ros.planning.motion.forward import as_measured, carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.plan import Plan
@@ -278,9 +278,12 @@ def _performed(
 
     to_goal = robust_plan(problem, settings, watch, guess, method, whole_of)
     chosen = lasting(problem, to_goal.duration)
-    found = tuple(failures(chosen, to_goal, settings))
-    if found:
-        raise _refused(to_goal, found, is_planner=method is plan)
+    if method is not plan or settings.robust.sigmas:  # the planner's own plans passed the check
+        checked = assess(chosen, to_goal.trajectory, settings, to_goal.may_be_singular)
+        to_goal = replace(to_goal, metrics=checked.metrics)
+        found = tuple(failure for _, failure in checked.failures)
+        if found:
+            raise _refused(to_goal, found, is_planner=method is plan)
     try:
         whole = whole_of(to_goal)
     except NoPlanFound as undrivable:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.motion import state_at
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
+from ff_planner_ros.planning.requirements.requirement import (
+    Assessment,
+    Requirement,
+    Samples,
+)
 from ff_planner_ros.robot.impact import impact, largest_impulses
 
 
@@ -26,27 +29,28 @@ class CaptureImpulse(Requirement):
             allowed = f"limits.capture_impulse, {limit:g} N s, needs it, and the inertia in kg m2"
             raise InvalidInput(Status.OUT_OF_RANGE, "target_body.mass", "missing", allowed)
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return bounds of the impulses [N s, N m s]: of the plan's twist error and tolerances."""
         problem, settings = samples.problem, samples.settings
         body = problem.target_body
         if body is None or body.mass == 0.0:
-            return {}
+            return Assessment()
         before = state_at(samples.trajectory, samples.goal)
         twist = body.grasp(np.array([problem.duration])).twists[0]
         inertia = body.inertia_at_grasp
         missed = impact(problem.robot, inertia, before, twist).impulse_in_ee
         errors = settings.capture_velocity_tolerance, settings.capture_turn_rate_tolerance
         linear, angular = largest_impulses(problem.robot, inertia, before, errors)
-        return {
+        found = {
             "capture_impulse": float(np.linalg.norm(missed[:3])) + linear,
             "capture_angular_impulse": float(np.linalg.norm(missed[3:])) + angular,
         }
+        return Assessment(found, tuple(self._failures(samples, found["capture_impulse"])))
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _failures(self, samples: Samples, found: float) -> Iterator[Failure]:
         """Yield a linear impulse that exceeds its limit."""
-        found, limit = metrics.capture_impulse, samples.problem.limits.capture_impulse
-        if samples.problem.target_body is not None and found > limit:
+        limit = samples.problem.limits.capture_impulse
+        if found > limit:
             named = ("capture_velocity_tolerance", "capture_turn_rate_tolerance")
             wide = (name for name in named if getattr(samples.settings, name))
             yield Failure(

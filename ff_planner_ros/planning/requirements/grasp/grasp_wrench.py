@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -10,11 +10,11 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
+    Assessment,
     Requirement,
     Samples,
 )
@@ -97,21 +97,21 @@ class GraspWrench(Requirement):
         peaks = _peaks(problem.robot, frame, motion)
         return float((1.0 + ALLOWED_EXCESS - peaks.values / limits).min())
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the largest force [N] and torque [N m], if there is a payload."""
         frame = payload_frame(samples.problem.robot)
         if frame is None:
-            return {}
-        force, torque = _peaks(samples.problem.robot, frame, samples.followed).values.tolist()
-        return {"peak_grasp_force": force, "peak_grasp_torque": torque}
+            return Assessment()
+        found = _peaks(samples.problem.robot, frame, samples.followed)
+        force, torque = found.values.tolist()
+        metrics = {"peak_grasp_force": force, "peak_grasp_torque": torque}
+        return Assessment(metrics, tuple(self._failures(samples, found)))
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _failures(self, samples: Samples, found: Peaks) -> Iterator[Failure]:
         """Yield the force or torque, whichever exceeds its limit by the larger fraction."""
-        frame, limits = payload_frame(samples.problem.robot), _limits(samples.problem)
-        peaks = np.array([metrics.peak_grasp_force, metrics.peak_grasp_torque])
-        if frame is None or (peaks <= limits * (1.0 + ALLOWED_EXCESS)).all():
+        limits, (peaks, times) = _limits(samples.problem), found
+        if (peaks <= limits * (1.0 + ALLOWED_EXCESS)).all():
             return
-        times = _peaks(samples.problem.robot, frame, samples.followed).times
         worst = int((peaks / limits).argmax())
         name, unit = _NAMES[worst], _UNITS[worst]
         yield Failure(

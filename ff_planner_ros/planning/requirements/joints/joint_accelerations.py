@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,12 +11,12 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
+    Assessment,
     Requirement,
     Samples,
     eased,
@@ -80,20 +80,19 @@ class JointAccelerations(Requirement):
         distances, _ = _distances(limits, motion.joints)
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the least distance to a limit [rad/s2], of prismatic joints by their weight."""
         limits = _limits(samples.problem)
         if limits is None:
-            return {}
+            return Assessment()
         weights = samples.problem.robot.joint_weights
         least = samples.followed.joints.least_distance(-limits, limits, 2, weights)
-        return {"min_acceleration_margin": least}
+        return Assessment(
+            {"min_acceleration_margin": least}, tuple(self._failures(samples, limits))
+        )
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _failures(self, samples: Samples, limits: Array) -> Iterator[Failure]:
         """Yield the joint whose acceleration exceeds its limit by the largest fraction."""
-        limits = _limits(samples.problem)
-        if limits is None:
-            return
         distances, times = _distances(limits, samples.followed.joints)
         parts = (distances + LIMIT_TOLERANCE) / limits
         if parts.min() >= -ALLOWED_EXCESS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE, least_highest_positions
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -20,6 +19,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     ANOTHER_DURATION,
     LIMIT_TOLERANCE,
     OF_INTEREST,
+    Assessment,
     Requirement,
     Samples,
     eased,
@@ -94,18 +94,19 @@ class JointPositions(Requirement):
         at_end = _left_at_end(motion.joints, lower, upper)
         return float(min(distances.min(), at_end.min())) + LIMIT_TOLERANCE
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the least distance to a limit [rad], of prismatic joints by their weight."""
         robot, joints = samples.problem.robot, samples.followed.joints
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
-        return {"min_joint_margin": joints.least_distance(lower, upper, 0, robot.joint_weights)}
+        least = joints.least_distance(lower, upper, 0, robot.joint_weights)
+        return Assessment({"min_joint_margin": least}, tuple(self._failures(samples, least)))
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _failures(self, samples: Samples, least: float) -> Iterator[Failure]:
         """Yield the joint furthest outside, or one that cannot stop inside after the last point."""
         robot = samples.problem.robot
         advice = elsewhere(samples.problem), ANOTHER_DURATION, "more planner.starts"
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
-        if metrics.min_joint_margin < 0.0:
+        if least < 0.0:
             distances, times = _distances(robot, samples.followed.joints)
             side, joint = np.unravel_index(distances.argmin(), distances.shape)
             if distances[side, joint] < -ALLOWED_EXCESS:
@@ -117,7 +118,6 @@ class JointPositions(Requirement):
                     f"{samples.at(times[side, joint])}{whose_limits(robot, int(joint))}",
                     advice,
                 )
-                return
         yield from _runs_out(robot, samples.followed.joints, advice)
 
 
@@ -125,6 +125,8 @@ def _runs_out(robot: Robot, joints: JointMotion, advice: tuple[str, ...]) -> Ite
     """Yield the joint that no other plan can stop before its limit, where this one ends."""
     lower, upper = robot.lower_position_limits, robot.upper_position_limits
     left = _left_at_end(joints, lower, upper)
+    inside = np.array([joints.positions[-1] - lower, upper - joints.positions[-1]])
+    left[inside < -ALLOWED_EXCESS] = 0.0  # a joint that ends outside is another failure
     side, joint = np.unravel_index(left.argmin(), left.shape)
     if left[side, joint] < -ALLOWED_EXCESS:
         unit = robot.unit(int(joint))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.start_motion import least_highest_rates
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
+    Assessment,
     Requirement,
     Samples,
     eased,
@@ -104,15 +104,16 @@ class JointRates(Requirement):
             distances, _ = motion.joints.distances(-limits, limits, order=1)
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return the least distance to a limit [rad/s], of prismatic joints by their weight."""
         robot, joints = samples.problem.robot, samples.followed.joints
         limits, weights = robot.velocity_limits, robot.joint_weights
-        return {"min_velocity_margin": joints.least_distance(-limits, limits, 1, weights)}
+        least = joints.least_distance(-limits, limits, 1, weights)
+        return Assessment({"min_velocity_margin": least}, tuple(self._failures(samples, least)))
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _failures(self, samples: Samples, least: float) -> Iterator[Failure]:
         """Yield the joint whose velocity exceeds its limit by the largest fraction."""
-        if not samples.problem.limits.joint_velocities or metrics.min_velocity_margin >= 0.0:
+        if not samples.problem.limits.joint_velocities or least >= 0.0:
             return
         robot, limits = samples.problem.robot, _finite_limits(samples.problem.robot)
         distances, times = samples.followed.joints.distances(-limits, limits, order=1)

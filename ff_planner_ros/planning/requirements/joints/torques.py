@@ -5,7 +5,7 @@ Of prismatic joints these are forces.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -13,11 +13,11 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
-from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
+    Assessment,
     Requirement,
     Samples,
 )
@@ -89,25 +89,26 @@ class Torques(Requirement):
         torques, _ = _peaks(robot, motion)
         return float((1.0 + (LIMIT_TOLERANCE - np.abs(torques)) / limits).min())
 
-    def metrics(self, samples: Samples) -> Mapping[str, float | tuple[float, ...]]:
+    def assess(self, samples: Samples) -> Assessment:
         """Return each joint's largest torque [N m, N], and the least distance to a limit [N m]."""
         robot = samples.problem.robot
-        torques, _ = _peaks(robot, samples.followed)
-        peaks = np.abs(torques)
-        return {
+        found = _peaks(robot, samples.followed)
+        peaks = np.abs(found.values)
+        metrics: dict[str, float | tuple[float, ...]] = {
             "peak_joint_torques": tuple(peaks.tolist()),
             # A force as the torque that does as much work along the joint path.
             "min_torque_margin": float(((robot.effort_limits - peaks) / robot.joint_weights).min()),
         }
+        return Assessment(metrics, tuple(self._failures(samples, found)))
 
-    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+    def _failures(self, samples: Samples, found: Peaks) -> Iterator[Failure]:
         """Yield the joint whose torque exceeds its limit by most."""
         robot, limits = samples.problem.robot, samples.problem.robot.effort_limits
         if not samples.problem.limits.joint_torques:
             return
-        if (np.array(metrics.peak_joint_torques) <= limits + LIMIT_TOLERANCE).all():
+        torques, times = found
+        if (np.abs(torques) <= limits + LIMIT_TOLERANCE).all():
             return
-        torques, times = _peaks(robot, samples.followed)
         excess = np.abs(torques) - limits
         joint = int((excess / robot.joint_weights).argmax())
         unit = robot.effort_unit(joint)
