@@ -265,7 +265,7 @@ def test_contacts_are_the_same_from_any_frame_that_drifts(
     spheres = [s.with_motion(position=s.center + away, velocity=speed) for s in problem.obstacles]
     here = verify(problem.robot, motion, Scene(problem.obstacles)).contacts
     for one, other in zip(here, verify(problem.robot, there, Scene(spheres)).contacts, strict=True):
-        assert one.number == other.pair
+        assert one.pair == other.pair
         assert other.first_time == pytest.approx(one.first_time, abs=1e-6)
         assert other.depth == pytest.approx(one.depth, abs=1e-6)
 
