@@ -28,7 +28,7 @@ from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_rea
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Obstacle
-from ff_planner_ros.robot.collision.bodies import Kind
+from ff_planner_ros.robot.collision.primitives import Kind
 from ff_planner_ros.robot.model import Robot
 
 

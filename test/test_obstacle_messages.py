@@ -22,10 +22,11 @@ from test_tumbling import body_of
 from ff_planner_benchmark.problems import tumbling
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.messages import obstacles as obstacles_module
-from ff_planner_ros.messages.obstacles import PRIMITIVES, obstacles_of
+from ff_planner_ros.messages.obstacles import obstacles_of
 from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.digest import digest_of
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.ros.messages.from_messages import (
     scene_from_message,
     target_body_from_message,
@@ -67,10 +68,10 @@ def digest_of_all(obstacles: Any) -> list[str]:
 
 
 def test_shape_msgs_has_the_numbers_and_dimensions_that_are_written() -> None:
-    for kind, number in PRIMITIVES.items():
+    for kind, number in ((kind, one.message) for kind, one in PRIMITIVES.items()):
         if kind != "capsule":
             assert getattr(SolidPrimitive, kind.upper()) == number
-    assert PRIMITIVES["capsule"] not in range(SolidPrimitive.BOX, SolidPrimitive.PRISM + 1)
+    assert PRIMITIVES["capsule"].message not in range(SolidPrimitive.BOX, SolidPrimitive.PRISM + 1)
     scene = scene_message(tuple(bodies(RNG)), STAMP, FRAME)
     found = {one.id: list(one.primitive[0].dimensions) for one in scene.bodies if one.primitive}
     assert found["box"] == [0.3, 0.4, 0.005]
@@ -86,7 +87,7 @@ def test_shape_msgs_has_the_numbers_and_dimensions_that_are_written() -> None:
 
 def test_a_capsules_number_stands_in_the_message() -> None:
     text = (Path(__file__).parents[1] / "msg_defs/msg/Obstacle.msg").read_text(encoding="utf-8")
-    assert f"uint8 CAPSULE={PRIMITIVES['capsule']} " in text
+    assert f"uint8 CAPSULE={PRIMITIVES['capsule'].message} " in text
 
 
 def test_a_round_body_is_a_sphere() -> None:

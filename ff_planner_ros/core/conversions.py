@@ -13,7 +13,8 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.target import Target
-from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.primitives import Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Robot
 
 _NOTHING = np.empty((0, 3))

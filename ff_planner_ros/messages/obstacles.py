@@ -12,16 +12,14 @@ from ff_planner_ros.common.declared_messages import names_in, value_at, values_i
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion, SphereEntry
 from ff_planner_ros.planning.problem.target_body import AttachedObstacle
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.collision.solids import (
     MAX_MESH_VERTICES,
-    SIZES,
     Solid,
     hull_of_vertices,
 )
 
 BODIES = "bodies"  # field of a scene and of a target body
-# Numbers of shape_msgs/SolidPrimitive for each kind, and of ff_planner_msgs/Obstacle for a capsule.
-PRIMITIVES = {"box": 1, "sphere": 2, "cylinder": 3, "cone": 4, "capsule": 101}
 _PRISM = 5
 # A closed surface has twice as many triangles as vertices.
 MAX_TRIANGLES = 2 * MAX_MESH_VERTICES
@@ -137,17 +135,17 @@ def _body(field: str, message: Any) -> Obstacle:
 
 
 def _primitive(message: Any, field: str) -> Solid:
-    kinds = {number: kind for kind, number in PRIMITIVES.items()}
+    kinds = {one.message: kind for kind, one in PRIMITIVES.items()}
     kind = kinds.get(message.type)
     if kind is None:
-        named = ", ".join(f"{number} ({word.upper()})" for word, number in PRIMITIVES.items())
+        named = ", ".join(f"{number} ({word.upper()})" for number, word in sorted(kinds.items()))
         found = "5 (PRISM)" if message.type == _PRISM else message.type
         allowed = f"it must be one of {named}; another one is a mesh"
         raise InvalidInput(Status.UNSUPPORTED, f"{field}.type", found, allowed)
-    told, count = f"{field}.dimensions", sum(SIZES[kind].values())
+    told, count = f"{field}.dimensions", PRIMITIVES[kind].count
     sizes = np.array(message.dimensions, np.float64)
     if len(sizes) != count:
-        words = "x, y, z" if kind == "box" else ", ".join(reversed(list(SIZES[kind])))
+        words = "x, y, z" if kind == "box" else ", ".join(reversed([*PRIMITIVES[kind].sizes]))
         allowed = f"a {kind} has {count}: {words}"
         raise InvalidInput(Status.WRONG_SIZE, told, sizes.tolist(), allowed)
     with fields_named({f"shape.{kind}": told}):

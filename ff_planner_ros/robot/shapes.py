@@ -1,4 +1,4 @@
-"""The shapes that a robot is drawn with: the boxes, cylinders and spheres of its URDF's links.
+"""The shapes that a robot is drawn with: the primitives of its URDF's links.
 
 Nothing here can refuse a robot. A shape that cannot be read is left out: no plan depends on it.
 """
@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
-# The attributes of each kind's sizes in a URDF.
-_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 # A link is drawn by what it looks like, or else by what it collides with.
 _TAGS = ("visual", "collision")
 # More shapes than this are a landscape and no robot; nothing larger than this [m] is in orbit.
@@ -30,8 +29,8 @@ class Shape:
     """A drawn solid that is fixed to a link."""
 
     link: str
-    kind: str  # `box`, `cylinder` about its z axis, or `sphere`
-    sizes: tuple[float, ...]  # three edges; radius and length; radius [m]
+    kind: str  # of `PRIMITIVES`
+    sizes: tuple[float, ...]  # in that order [m]
     position_in_link: Array  # of its centre; shape (3,) [m]
     rotation_to_link: Array  # shape (3, 3)
 
@@ -69,18 +68,23 @@ def _drawn(link: Element) -> list[Element]:
 
 def _shape(link: str, element: Element) -> Shape | None:
     """Read a shape; None: a mesh, or nothing that can be drawn."""
-    for kind, names in _SIZES.items():
+    for kind, primitive in PRIMITIVES.items():
         solid = element.find(f"geometry/{kind}")
         if solid is None:
             continue
-        sizes = tuple(number for name in names for number in _numbers(solid.get(name, "")))
+        sizes = tuple(
+            number for name in primitive.sizes for number in _numbers(solid.get(name, ""))
+        )
         origin = element.find("origin")
         position, angles = (
             _numbers("0 0 0" if origin is None else origin.get(name, "0 0 0"))
             for name in ("xyz", "rpy")
         )
-        wanted = 3 if kind == "box" else len(names)
-        if len(sizes) != wanted or min(sizes) <= 0.0 or not len(position) == len(angles) == 3:
+        if (
+            len(sizes) != primitive.count
+            or min(sizes) <= 0.0
+            or not len(position) == len(angles) == 3
+        ):
             return None
         rotation = rotation_from_euler(np.array(angles))
         return Shape(link, kind, sizes, frozen(position), frozen(rotation))
@@ -107,14 +111,14 @@ def _parts(element: Element) -> Iterator[Element]:
     origin = element.find("origin")
     if origin is not None:
         yield Element("origin", _as_read(origin, [k for k in ("xyz", "rpy") if k in origin.attrib]))
-    for kind, names in _SIZES.items():
+    for kind, primitive in PRIMITIVES.items():
         solid = element.find(f"geometry/{kind}")
         if solid is not None:
             geometry = Element("geometry")
-            geometry.append(Element(kind, _as_read(solid, names)))
+            geometry.append(Element(kind, _as_read(solid, primitive.sizes)))
             yield geometry
             return
 
 
-def _as_read(element: Element, names: Sequence[str]) -> dict[str, str]:
+def _as_read(element: Element, names: Iterable[str]) -> dict[str, str]:
     return {name: " ".join(map(repr, _numbers(element.get(name, "")))) for name in names}

@@ -22,6 +22,7 @@ from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.collision.primitives import kind_and_sizes
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation
@@ -51,6 +52,13 @@ class Contact:
 _TOUCHING = 1e-5
 # MuJoCo has no solids without thickness [m].
 _THINNEST = 1e-6
+# MuJoCo's kinds; any other is a mesh.
+_GEOMS = {
+    coal.Sphere: mujoco.mjtGeom.mjGEOM_SPHERE,
+    coal.Capsule: mujoco.mjtGeom.mjGEOM_CAPSULE,
+    coal.Cylinder: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    coal.Box: mujoco.mjtGeom.mjGEOM_BOX,
+}
 # A pyramid stands for a cone: it is thinner by so much at most [m], or has so many sides.
 _THINNER, _FEWEST_SIDES, _MOST_SIDES = 5e-5, 128, 2048
 
@@ -252,17 +260,11 @@ def _add_geom(
         "quat": np.roll(eigen_quaternion(placement.rotation), 1).tolist(),
     }
     kinds = mujoco.mjtGeom
-    if isinstance(solid, coal.Sphere):
-        kind, size = kinds.mjGEOM_SPHERE, [solid.radius, 0.0, 0.0]
-    elif isinstance(solid, coal.Capsule):
-        kind, size = kinds.mjGEOM_CAPSULE, [solid.radius, solid.halfLength, 0.0]
-        if not solid.radius:  # a thin capsule may pass through a box unseen
-            kind, size = kinds.mjGEOM_BOX, [_THINNEST, _THINNEST, solid.halfLength]
-    elif isinstance(solid, coal.Cylinder):
-        kind, size = kinds.mjGEOM_CYLINDER, [solid.radius, solid.halfLength, 0.0]
-    elif isinstance(solid, coal.Box):
-        kind, size = kinds.mjGEOM_BOX, np.asarray(solid.halfSide).tolist()
-    else:
+    kind, size = _GEOMS.get(type(solid)), [*kind_and_sizes(solid)[1]]
+    if kind == kinds.mjGEOM_CAPSULE and not solid.radius:
+        # A thin capsule may pass through a box unseen.
+        kind, size = kinds.mjGEOM_BOX, [_THINNEST, _THINNEST, solid.halfLength]
+    if kind is None:
         # MuJoCo makes the hull of the corners by itself, and about its own centre and axes.
         mesh = spec.add_mesh(name=name)
         corners = _cone(solid) if isinstance(solid, coal.Cone) else np.asarray(solid.points())

@@ -16,8 +16,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.shapes import Shape, link_shapes
+from ff_planner_ros.robot.shapes import link_shapes
 
 Triangles: TypeAlias = NDArray[np.intp]
 
@@ -123,7 +124,8 @@ def _solids(robot: Robot) -> Iterator[tuple[tuple[Array, Triangles], pin.SE3, in
     for shape in () if robot.bodies else link_shapes(robot.drawn_urdf):
         frame = robot.model.frames[robot.model.getFrameId(shape.link, pin.FrameType.BODY)]
         in_link = pin.SE3(np.array(shape.rotation_to_link), np.array(shape.position_in_link))
-        yield _of_shape(shape), frame.placement * in_link, frame.parentJoint
+        solid = PRIMITIVES[shape.kind].made(*shape.sizes)
+        yield surface_of(solid), frame.placement * in_link, frame.parentJoint
 
 
 def surface_at(robot: Robot, surface: RobotSurface, q: Array) -> Array:
@@ -142,16 +144,6 @@ def surface_at(robot: Robot, surface: RobotSurface, q: Array) -> Array:
         origins = np.array([placement.translation for placement in data.oMi])[surface.joints]
         placed[i] = np.einsum("cij,cj->ci", rotations, surface.corners) + origins
     return placed
-
-
-def _of_shape(shape: Shape) -> tuple[Array, Triangles]:
-    if shape.kind == "box":
-        return box(shape.sizes)
-    if shape.kind == "cylinder":
-        radius, length = shape.sizes
-        return cylinder(radius, length, _AROUND_LINK)
-    corners, triangles = sphere(_AROUND_LINK)
-    return shape.sizes[0] * corners, triangles
 
 
 def surface_of(

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.robot.collision.bodies import kind_and_sizes
+from ff_planner_ros.robot.collision.primitives import kind_and_sizes
 from ff_planner_ros.robot.kinematics import joint_rotations
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion

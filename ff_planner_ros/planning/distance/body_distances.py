@@ -23,7 +23,8 @@ from ff_planner_ros.planning.distance.bodies import (
     pairs,
     radii,
 )
-from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.primitives import Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Robot
 
 # Distances are exact to this [m], and depths nearly so: asked for better ones, Coal sometimes fails

@@ -12,8 +12,8 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.bodies import carriers, kinds_and_sizes, pairs
-from ff_planner_ros.robot.collision.bodies import Kind
 from ff_planner_ros.robot.collision.lines import BEYOND_LIMITS
+from ff_planner_ros.robot.collision.primitives import Kind
 from ff_planner_ros.robot.model import Robot
 
 # A cylinder, or a cone in it, is in the prism around it; one of so many sides is hardly thicker.

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import enum
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element
 
@@ -14,6 +11,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen, zero_vector
 from ff_planner_ros.common.shown import in_a_line
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES, primitive_of, radius_around
 from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.urdf_bodies import placement
@@ -36,15 +34,6 @@ def _settle_boxes() -> None:
 
 _settle_boxes()
 
-# The attributes of each kind's sizes in a URDF, a cone's as in SDFormat, and how many numbers each
-# has [m].
-SIZES = {
-    "box": {"size": 3},
-    "capsule": {"radius": 1, "length": 1},
-    "cone": {"radius": 1, "length": 1},
-    "cylinder": {"radius": 1, "length": 1},
-    "sphere": {"radius": 1},
-}
 # A humanoid with both hands has a hundred; the pairs grow with the square.
 MAX_BODIES = 300
 
@@ -71,31 +60,6 @@ class Body:
     def stretches(self) -> bool:
         """Whether it is a centre line whose length follows the next joint."""
         return bool(self.slide_in_joint.any())
-
-
-class Kind(enum.IntEnum):
-    """Kind of a solid, which selects the formula of distances. The core has the same numbers."""
-
-    ROUND = 0  # all points within a radius of a segment of the z axis: spheres and capsules
-    BOX = 1
-    CYLINDER = 2
-    HULL = 3  # no formula: Coal measures distances
-    CONE = 4  # likewise
-
-
-def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
-    """Return a solid's kind, and its half edges, or radius and half length, padded by zeros [m]."""
-    if isinstance(solid, coal.Sphere):
-        return Kind.ROUND, (solid.radius, 0.0, 0.0)
-    if isinstance(solid, coal.Capsule):
-        return Kind.ROUND, (solid.radius, solid.halfLength, 0.0)
-    if isinstance(solid, coal.Box):
-        return Kind.BOX, tuple(solid.halfSide)
-    if isinstance(solid, coal.Cylinder):
-        return Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
-    if isinstance(solid, coal.Cone):
-        return Kind.CONE, (solid.radius, solid.halfLength, 0.0)
-    return Kind.HULL, (0.0, 0.0, 0.0)
 
 
 def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) -> tuple[Body, ...]:
@@ -127,17 +91,8 @@ def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) 
 
 def defining_numbers(body: Body) -> tuple[str, Array, Array]:
     """Return a body's kind, sizes or corners [m], and placement in its joint, shape (4, 4)."""
-    solid = body.solid
-    match solid:
-        case coal.Box():
-            sizes = 2.0 * solid.halfSide
-        case coal.Sphere():
-            sizes = np.array([solid.radius])
-        case coal.Capsule() | coal.Cylinder() | coal.Cone():
-            sizes = np.array([solid.radius, 2.0 * solid.halfLength])
-        case _:
-            sizes = solid.points()
-    return type(solid).__name__.lower(), np.array(sizes), body.placement_in_joint.homogeneous
+    name, numbers = primitive_of(body.solid) or ("convex", np.array(body.solid.points()))
+    return name, numbers, body.placement_in_joint.homogeneous
 
 
 def _body(name: str, link: str, joint: int, solid: coal.CollisionGeometry, place: pin.SE3) -> Body:
@@ -148,73 +103,24 @@ def _body(name: str, link: str, joint: int, solid: coal.CollisionGeometry, place
     )
 
 
-def radius_around(solid: coal.CollisionGeometry, center: Array) -> float:
-    """Return the radius of a sphere about a solid's centre that holds the solid [m]."""
-    if isinstance(solid, coal.Sphere):
-        return float(solid.radius)
-    if isinstance(solid, coal.Capsule):
-        return float(solid.halfLength + solid.radius)
-    if isinstance(solid, coal.Cylinder | coal.Cone):
-        return math.hypot(solid.halfLength, solid.radius)
-    if isinstance(solid, coal.Box):
-        return float(np.linalg.norm(solid.halfSide))
-    return float(np.linalg.norm(solid.points() - center, axis=1).max())
-
-
-def furthest(solid: coal.CollisionGeometry, ways: Array) -> Array:
-    """Return a solid's support function: the largest coordinate along each direction [m].
-
-    Args:
-        ways: Directions in the solid's frame, of unit length. Shape (..., 3).
-
-    Returns:
-        One dimension less.
-    """
-    kind, (radius, half_length, _) = kind_and_sizes(solid)
-    up, across = half_length * ways[..., 2], radius * np.hypot(ways[..., 0], ways[..., 1])
-    match kind:
-        case Kind.ROUND:
-            found = np.abs(up) + radius
-        case Kind.BOX:
-            found = np.abs(ways) @ solid.halfSide
-        case Kind.CYLINDER:
-            found = np.abs(up) + across
-        case Kind.CONE:
-            found = np.maximum(up, across - up)
-        case _:
-            found = (ways @ solid.points().T).max(axis=-1)
-    return np.asarray(found + solid.getSweptSphereRadius(), np.float64)
-
-
 def collision_solid(
     link: str, collision: Element, meshes: Meshes, faults: Faults
 ) -> coal.CollisionGeometry | None:
     """Return the solid of a `<collision>` of a link; None: it is faulty, and `faults` says how."""
     shape = collision.find("geometry/*")
     if shape is None:
-        allowed = f"it must be one of {listed(SIZES)}, mesh"
+        allowed = f"it must be one of {listed(sorted(PRIMITIVES))}, mesh"
         faults.add("link", link, "collision", "without a geometry that is known", allowed)
         return None
     if shape.tag == "mesh":
         return meshes.hull(link, collision, faults)
+    primitive, told = PRIMITIVES[shape.tag], f"collision {shape.tag}"
     sizes = [
         size
-        for name, count in SIZES[shape.tag].items()
-        for size in _numbers(link, f"collision {shape.tag} {name}", shape.get(name), count, faults)
+        for name, count in primitive.sizes.items()
+        for size in _numbers(link, f"{told} {name}", shape.get(name), count, faults)
     ]
-    if not sizes or not all(sizes):
-        return None
-    match shape.tag:
-        case "box":
-            return coal.Box(*sizes)
-        case "capsule":
-            return coal.Capsule(*sizes)
-        case "cone":
-            return coal.Cone(*sizes)
-        case "cylinder":
-            return coal.Cylinder(*sizes)
-        case _:
-            return coal.Sphere(*sizes)
+    return primitive.made(*sizes) if sizes and all(sizes) else None
 
 
 def _numbers(link: str, part: str, text: str | None, count: int, faults: Faults) -> list[float]:

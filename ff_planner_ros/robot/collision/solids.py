@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -24,7 +24,12 @@ from ff_planner_ros.common.plain_values import (
 )
 from ff_planner_ros.common.shown import in_a_line, quoted
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.collision.bodies import furthest, radius_around
+from ff_planner_ros.robot.collision.primitives import (
+    PRIMITIVES,
+    furthest,
+    primitive_of,
+    radius_around,
+)
 from ff_planner_ros.robot.urdf.convex_hull import (
     LARGEST_SIZE,
     SMALLEST_SIZE,
@@ -33,18 +38,8 @@ from ff_planner_ros.robot.urdf.convex_hull import (
 )
 from ff_planner_ros.robot.urdf.meshes import Meshes
 
-# The keys of each kind's sizes and how many numbers each has [m]. Cylinders, capsules and cones are
-# about the z axis through their middle, a cone's apex at +z; a capsule's length has no caps.
-_ROUND = {"radius": 1, "length": 1}
-SIZES: Mapping[str, Mapping[str, int]] = {
-    "sphere": {"radius": 1},
-    "box": {"size": 3},
-    "cylinder": _ROUND,
-    "capsule": _ROUND,
-    "cone": _ROUND,
-}
 SPHERE, MESH = "sphere", "mesh"
-KINDS = (*SIZES, MESH)
+KINDS = (*PRIMITIVES, MESH)
 # Of a mesh in a file or message, whose hull is computed in the calling process.
 MAX_MESH_VERTICES = 100_000
 _GROWN = a_number(at_least=0.0)
@@ -60,7 +55,7 @@ class Solid:
     """
 
     kind: str  # of `KINDS`
-    sizes: Array = field(default_factory=lambda: np.zeros(0))  # in the order of `SIZES` [m]
+    sizes: Array = field(default_factory=lambda: np.zeros(0))  # in the order of `PRIMITIVES` [m]
     corners: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of a mesh's hull [m]
     # Inflation in all directions, with rounded corners, that of a sphere added to its radius; in no
     # file and no message [m]
@@ -72,7 +67,7 @@ class Solid:
         """Check every value and replace it by a read-only copy."""
         if any_text("shape", self.kind) not in KINDS:
             raise InvalidInput(Status.UNSUPPORTED, "shape", quoted(self.kind), _one_of_kinds())
-        count = sum(SIZES.get(self.kind, {}).values())
+        count = 0 if self.kind == MESH else PRIMITIVES[self.kind].count
         sizes = finite_vector(f"shape.{self.kind}", self.sizes, count)
         told = f"shape.{self.kind}"
         if self.kind == SPHERE:  # with which nothing goes wrong, however large or small
@@ -98,19 +93,10 @@ class Solid:
     @cached_property
     def geometry(self) -> coal.CollisionGeometry:
         """The solid as a Coal geometry, inflated by `grown`."""
-        match self.kind:
-            case "sphere":
-                geometry = coal.Sphere(*self.sizes)
-            case "box":
-                geometry = coal.Box(*self.sizes)
-            case "cylinder":
-                geometry = coal.Cylinder(*self.sizes)
-            case "capsule":
-                geometry = coal.Capsule(*self.sizes)
-            case "cone":
-                geometry = coal.Cone(*self.sizes)
-            case _:
-                geometry = convex_solid(self.corners, np.ones(3))[1]
+        if self.kind == MESH:
+            geometry = convex_solid(self.corners, np.ones(3))[1]
+        else:
+            geometry = PRIMITIVES[self.kind].made(*self.sizes)
         geometry.computeLocalAABB()  # whose centre is that of the sphere around it, too
         geometry.setSweptSphereRadius(self.grown)
         return geometry
@@ -192,15 +178,10 @@ def hull_of_vertices(told: str, vertices: Array) -> Solid:
 
 def solid_of(geometry: coal.CollisionGeometry) -> Solid:
     """Return the solid of a Coal geometry."""
-    match geometry:
-        case coal.Sphere():
-            return Solid("sphere", np.array([geometry.radius]))
-        case coal.Box():
-            return Solid("box", 2.0 * np.array(geometry.halfSide))
-        case coal.Cylinder() | coal.Capsule() | coal.Cone():
-            kind = type(geometry).__name__.lower()
-            return Solid(kind, np.array([geometry.radius, 2.0 * geometry.halfLength]))
-    return hull_of_vertices(MESH, np.array(geometry.points()))
+    primitive = primitive_of(geometry)
+    if primitive is None:
+        return hull_of_vertices(MESH, np.array(geometry.points()))
+    return Solid(*primitive)
 
 
 def _read(told: str, value: object) -> Solid | MeshFile:
@@ -211,8 +192,8 @@ def _read(told: str, value: object) -> Solid | MeshFile:
     here = dotted(told, kind)
     if kind == MESH:
         return _mesh(here, given)
-    sizes, entry = list[float](), mapping(here, given, SIZES[kind])
-    for word, count in SIZES[kind].items():
+    sizes, entry = list[float](), mapping(here, given, PRIMITIVES[kind].sizes)
+    for word, count in PRIMITIVES[kind].sizes.items():
         place = dotted(here, word)
         read = numbers(place, entry[word]) if count > 1 else [number(place, entry[word])]
         for size in finite_vector(place, read, count):
@@ -245,11 +226,21 @@ def _written(given: Solid | MeshFile) -> dict[str, Any]:
         return {MESH: {"file": given.file, "scale": list(given.scale)}}
     if given.kind == MESH:
         return {MESH: {"vertices": given.corners.tolist()}}
-    sizes, said = given.sizes.tolist(), dict[str, Any]()
-    for word, count in SIZES[given.kind].items():
-        said[word] = sizes[:count] if count > 1 else sizes[0]
-        sizes = sizes[count:]
-    return {given.kind: said}
+    said = by_name(given)
+    return {
+        given.kind: {
+            word: sizes if PRIMITIVES[given.kind].sizes[word] > 1 else sizes[0]
+            for word, sizes in said.items()
+        }
+    }
+
+
+def by_name(solid: Solid) -> dict[str, list[float]]:
+    """Return the numbers of each of a primitive's sizes [m]."""
+    sizes, found = solid.sizes.tolist(), dict[str, list[float]]()
+    for word, count in PRIMITIVES[solid.kind].sizes.items():
+        found[word], sizes = sizes[:count], sizes[count:]
+    return found
 
 
 def _schema() -> Schema:
@@ -260,12 +251,12 @@ def _schema() -> Schema:
                 kind: of_mapping(
                     {
                         word: size if count == 1 else of_numbers(count) | {"items": size}
-                        for word, count in words.items()
+                        for word, count in primitive.sizes.items()
                     }
                 )
             }
         )
-        for kind, words in SIZES.items()
+        for kind, primitive in PRIMITIVES.items()
     ]
     file = of_mapping({"file": {"type": "string", "minLength": 1}, "scale": of_numbers(3)})
     rows: Schema = {"type": "array", "items": of_numbers(3)}

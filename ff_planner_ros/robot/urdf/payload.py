@@ -22,10 +22,10 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.solids import (
     MESH,
-    SIZES,
     MeshFile,
     Shaped,
     Solid,
+    by_name,
 )
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.meshes import EMBEDDED, Meshes
@@ -235,10 +235,7 @@ def _collision(shape: HeldShape) -> Element:
         points = base64.b64encode(solid.corners.astype("<f4").tobytes()).decode()
         SubElement(geometry, MESH, filename=EMBEDDED + points)
         return collision
-    sizes, told_sizes = solid.sizes, dict[str, str]()
-    for word, count in SIZES[solid.kind].items():
-        told_sizes[word], sizes = _words(sizes[:count]), sizes[count:]
-    SubElement(geometry, solid.kind, told_sizes)
+    SubElement(geometry, solid.kind, {word: _words(n) for word, n in by_name(solid).items()})
     return collision
 
 

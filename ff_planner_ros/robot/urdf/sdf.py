@@ -15,14 +15,14 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.urdf.sdf_frames import Frames, named, words_of
 from ff_planner_ros.robot.urdf.sdf_xml import read_model
 from ff_planner_ros.robot.urdf.urdf import NO_VELOCITY_LIMIT
 from ff_planner_ros.robot.urdf.urdf_faults import finite_numbers, listed, shortened
 
-# Both formats have these, by the same words.
+# Both formats have these, by the same words, and the same primitives.
 _JOINTS = ("fixed", "revolute", "continuous", "prismatic")
-_SHAPES = ("box", "capsule", "cone", "cylinder", "sphere")
 _ENTRIES = {"ixx": None, "iyy": None, "izz": None, "ixy": "0", "ixz": "0", "iyz": "0"}
 # Larger limits are none: the format uses 1e16.
 _NO_LIMIT = 1e15
@@ -75,7 +75,7 @@ def _add_link(robot: Element, link: Element, frames: Frames) -> None:
         geometry = collision.find("geometry")
         shapes = [] if geometry is None else list(geometry)
         if len(shapes) != 1:
-            allowed = f"it must be one of {listed((*_SHAPES, 'mesh', 'empty'))}"
+            allowed = f"it must be one of {listed((*sorted(PRIMITIVES), 'mesh', 'empty'))}"
             value = f"{len(shapes)} shapes"
             _refuse(f"{told} collision geometry", value, allowed)
         if shapes[0].tag == "empty":

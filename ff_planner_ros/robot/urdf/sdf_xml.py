@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 from xml.parsers import expat
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.urdf.urdf_faults import listed, shortened
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS, Expanded, parser_for
 
@@ -19,13 +20,8 @@ from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS, Expand
 _OLDEST, _NEWEST = (1, 5), (1, 99)
 _MOST_ELEMENTS = 50 * MAX_LINKS
 _POSE: dict[str, Any] = {"pose": {}}
-_ROUND: dict[str, Any] = {"radius": {}, "length": {}}
 _GEOMETRY: dict[str, Any] = {
-    "box": {"size": {}},
-    "capsule": _ROUND,
-    "cone": _ROUND,
-    "cylinder": _ROUND,
-    "sphere": {"radius": {}},
+    **{name: {size: {} for size in one.sizes} for name, one in PRIMITIVES.items()},
     "mesh": {"uri": {}, "scale": {}},
     "empty": {},
 }

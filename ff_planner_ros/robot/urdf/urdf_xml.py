@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 from xml.parsers import expat
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, finite_numbers, listed, shortened
 
 # Twenty times the largest robots that ROS users share; such a text is read in a second.
@@ -55,14 +56,7 @@ _PARTS: dict[str, Any] = {"link": _LINK, "joint": _JOINT} | _without_effect(
     *(DISABLE, DISABLE_ALL, ENABLE),
 )
 # The same for the shapes of links; a link may have several of these.
-_GEOMETRY: dict[str, Any] = {
-    "box": {},
-    "capsule": {},
-    "cone": {},
-    "cylinder": {},
-    "mesh": {},
-    "sphere": {},
-}
+_GEOMETRY: dict[str, Any] = {name: {} for name in sorted((*PRIMITIVES, "mesh"))}
 _SHAPE: dict[str, Any] = {"origin": {}, "geometry": _GEOMETRY} | _without_effect(
     *("compliant_contact", "contact", "contact_coefficients", "laser_retro", "material"),
     *("max_contacts", "surface", "verbose"),
@@ -86,12 +80,8 @@ _ATTRIBUTES = {
     "visual": (),
     "collision": (),
     "geometry": (),
-    "box": ("size",),
-    "capsule": ("radius", "length"),
-    "cone": ("radius", "length"),
-    "cylinder": ("radius", "length"),
+    **{name: tuple(one.sizes) for name, one in PRIMITIVES.items()},
     "mesh": ("filename", "scale"),
-    "sphere": ("radius",),
     DISABLE: ("link1", "link2", "reason"),
     DISABLE_ALL: ("link",),
     ENABLE: ("link1", "link2"),

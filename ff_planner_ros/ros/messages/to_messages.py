@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import write_object
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.messages.obstacles import PRIMITIVES, primitive_sizes
+from ff_planner_ros.messages.obstacles import primitive_sizes
 from ff_planner_ros.parameters.controller import ERASED, ControllerParameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.obstacles import Obstacle, SphereEntry
@@ -39,6 +39,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target_body import AttachedSphereEntry, TargetBody
 from ff_planner_ros.planning.task.captured import CapturedBody
 from ff_planner_ros.planning.task.controller_rules import REST
+from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.collision.solids import MESH, MeshFile
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.meshes import Meshes
@@ -260,7 +261,7 @@ def _body_message(body: Obstacle | HeldShape) -> ObstacleMessage:
         corners = shape.corners.tolist()
         message.mesh = [Mesh(vertices=[Point(x=x, y=y, z=z) for x, y, z in corners])]
     else:
-        number, sizes = PRIMITIVES[shape.kind], primitive_sizes(shape)
+        number, sizes = PRIMITIVES[shape.kind].message, primitive_sizes(shape)
         message.primitive = [SolidPrimitive(type=number, dimensions=sizes)]
     return message
 

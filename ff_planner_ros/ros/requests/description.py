@@ -15,13 +15,12 @@ from ff_planner_msgs.srv import Describe
 from rclpy.node import Node
 
 from ff_planner_ros.common.share import PACKAGE, share_directory
-from ff_planner_ros.messages.obstacles import PRIMITIVES
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import Orientation
 from ff_planner_ros.planning.task.digest import digest_of
 from ff_planner_ros.planning.task.tail import EndBehaviour
-from ff_planner_ros.robot.collision.solids import MESH
+from ff_planner_ros.robot.collision.solids import KINDS
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.ros.qos import serving
 from ff_planner_ros.ros.topics import DESCRIBE
@@ -75,7 +74,7 @@ def _constant(robot: Robot) -> dict[str, str | list[str]]:
         "schema_hash": hashlib.sha256(schema).hexdigest(),
         "goal_kinds": [kind.name for kind in GoalKind],
         "orientations": [one.name for one in Orientation],
-        "obstacles": [*PRIMITIVES, MESH],
+        "obstacles": [*KINDS],
         "objectives": objectives,
         "end_behaviours": [str(one) for one in EndBehaviour],
     }
