@@ -86,6 +86,11 @@ class RigidMotion:
         """Whether the attitude changes."""
         return self.body is not None or bool(self.angular_velocity.any())
 
+    @property
+    def has_attitude(self) -> bool:
+        """Whether its axes are not those of the inertial frame all the time."""
+        return self.turns or bool(self.quaternion_xyzw[:3].any())
+
     @cached_property
     def rotation(self) -> Array:
         """Its axes to inertial axes at the plan's first point. Shape (3, 3)."""
@@ -175,8 +180,9 @@ class Obstacle(Shaped):
     def __post_init__(self) -> None:
         """Check every value; a sphere keeps no attitude of its own."""
         check_declared(self, f"{self.PLACE}[{self.id}]", motion=RigidMotion)
-        if self.is_sphere and self.body is None:
-            still = RigidMotion(self.motion.position, velocity=self.motion.velocity)
+        motion = self.motion
+        if self.is_sphere and self.body is None and motion.has_attitude:
+            still = RigidMotion(motion.position, velocity=motion.velocity)
             object.__setattr__(self, "motion", still)
 
     @classmethod
