@@ -14,9 +14,12 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.optimisation.program import _motion_of
 from ff_planner_ros.planning.paths.path_family import Motion, PathFamily, Sensitivity
+from ff_planner_ros.planning.problem.problem import Obstacle
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 
 EACH = 2  # variables of a joint
@@ -121,36 +124,6 @@ def sensitivity_of(family: PathFamily, motion: Motion, damping: float = 0.0) -> 
     return seen[0]
 
 
-def no_margins(pairs: int) -> compiled.Margins:
-    """Return margins of zero: what is left are the distances."""
-    return compiled.Margins(0.0, np.zeros(pairs), 0.5, 0.25)
-
-
-def line_distances(
-    robot: Robot,
-    q: Array,
-    times: Array,
-    spheres: compiled.Spheres,
-    count: int,
-    interest: float,
-    quarter_way: bool = False,
-    lasting: bool = False,
-) -> CoreRows:
-    """Return distances of lines from spheres that are below the interest [m].
-
-    Args:
-        q: At all points but the first, then half-way.
-        times: Of these and, if they are looked at, of quarters [s].
-        count: Of spheres.
-    """
-    points, half_way = np.split(q, 2)
-    asked = compiled.lines_clear_of_spheres(
-        spheres, no_margins(robot.joints * count), times, interest, quarter_way
-    )
-    at_points = np.concatenate([points[:1], points])
-    return rows_along(robot, [asked], at_points, half_way, lasting=lasting)
-
-
 def pair_distances_of_core(robot: Robot, q: Array, interest: float) -> CoreRows:
     """Return distances of pairs of bodies that are below the interest [m]; q: in order of time."""
     asked = compiled.pairs_apart(
@@ -159,38 +132,43 @@ def pair_distances_of_core(robot: Robot, q: Array, interest: float) -> CoreRows:
     return _in_order_of_time(robot, asked, q, len(robot.pairs))
 
 
-def sphere_distances_of_core(
+def distances_of_core(
     robot: Robot,
     q: Array,
     times: Array,
-    spheres: compiled.Spheres,
-    count: int,
+    obstacles: Sequence[Obstacle],
     interest: float,
     lasting: bool = False,
 ) -> CoreRows:
-    """Return likewise those of bodies from spheres; lasting: as of `rows_along`."""
-    pairs = len(robot.bodies) * count
-    asked = compiled.bodies_clear_of_spheres(
-        bodies_of(robot), spheres, no_margins(pairs), _even(times), interest, False, None
+    """Return likewise those of bodies, or lines, from obstacles; lasting: as of `rows_along`."""
+    whole, pairs = with_bodies(robot), len(with_bodies(robot).bodies) * len(obstacles)
+    asked = compiled.bodies_clear(
+        bodies_of(whole),
+        obstacles_of(obstacles, float(times.max())),
+        margin=0.0,
+        room=np.zeros(pairs),
+        times=_even(times),
+        interest=interest,
+        quarter_way=False,
+        allowed=None,
     )
     return _in_order_of_time(robot, asked, q, pairs, lasting)
 
 
-def obstacle_distances_of_core(
-    robot: Robot,
-    q: Array,
-    times: Array,
-    obstacles: compiled.Obstacles,
-    count: int,
-    interest: float,
-    lasting: bool = False,
-) -> CoreRows:
-    """Return likewise those of bodies from obstacles."""
-    pairs = len(robot.bodies) * count
-    asked = compiled.bodies_clear_of_obstacles(
-        bodies_of(robot), obstacles, no_margins(pairs), _even(times), interest, False, None
+def certified_by_core(
+    robot: Robot, q: Array, v: Array, times: Array, obstacles: Sequence[Obstacle]
+) -> float:
+    """Return what the search certifies of all bodies, or lines, along a motion [m]."""
+    whole = with_bodies(robot)
+    return compiled.certified_obstacles(
+        compiled.CubicMotion(chain_of(robot), q, v, times),
+        bodies_of(whole),
+        obstacles_of(obstacles, float(times[-1])),
+        np.arange(len(whole.bodies) * len(obstacles)),
+        len(times) - 1,
+        CERTIFICATE_GAP,
+        0.0,
     )
-    return _in_order_of_time(robot, asked, q, pairs, lasting)
 
 
 def _even(rows: Array) -> Array:

@@ -20,13 +20,14 @@ PARTS = "value", "gradient", "hessian", "constraints", "constraints_jacobian", "
 
 
 def programs(
-    robot: Robot, of_paths: Arguments, of_splines: Arguments, spheres: Any, obstacles: Any
+    robot: Robot, of_paths: Arguments, of_splines: Arguments, obstacles: Arguments
 ) -> dict[str, tuple[Callable[..., Any], Arguments]]:
     """Return what makes programs, and arguments.
 
     Args:
         of_paths: Of `end_effector_paths` but for points and damping.
         of_splines: Of `joint_splines` but for the matrices.
+        obstacles: Three of them, by their name.
     """
     paths = compiled.end_effector_paths(**of_paths, points=POINTS, damping=0.3)
     joints, size, half = robot.joints, 6 + robot.joints, 2 * POINTS - 1
@@ -170,27 +171,20 @@ def programs(
             required(compiled.singular_value_above),
             {"rows": [0, 1, 2, 3, 4, 5], "margin": 0.1, "interest": 9.0},
         ),
-    } | distances(robot, spheres, obstacles, lambda one: evaluated(paths, [one]))
+    } | distances(robot, obstacles, lambda one: evaluated(paths, [one]))
 
 
 def distances(
     robot: Robot,
-    spheres: Any,
-    obstacles: Any,
+    obstacles: Arguments,
     evaluated: Callable[[compiled.PathRequirement], tuple[Any, ...]],
 ) -> dict[str, tuple[Callable[..., Any], Arguments]]:
     """Return what makes requirements of distances, and arguments.
 
     Args:
+        obstacles: Three of them, by their name.
         evaluated: Returns what a program with one requirement finds.
     """
-
-    def kept(make: Callable[..., compiled.PathRequirement]) -> Callable[..., Any]:
-        def ask(**arguments: Any) -> Any:
-            margins = {name: arguments.pop(name) for name in ("margin", "room", "little", "gained")}
-            return evaluated(make(margins=compiled.Margins(**margins), **arguments))
-
-        return ask
 
     def allowing(**contacts: Any) -> Any:
         allowed = compiled.AllowedContacts(**contacts)
@@ -204,30 +198,20 @@ def distances(
     at_start = {"pairs": np.arange(1), "places": places, "seen_from_base": True}
     contacts = {"pairs": np.arange(1, 3), "goal": 2.0 * places, "distance": 0.5}
     contacts |= {"at_start": [compiled.ContactsAtStart(**at_start)]}
-    asked = {"interest": 3.0, "quarter_way": True}
-    margins = {"margin": 0.01, "little": 0.5, "gained": 0.25}
-    lines = asked | margins | {"times": times}
-    bodies = {"bodies": bodies_of(robot), "allowed": compiled.AllowedContacts(**contacts)}
-    each = lines | bodies | {"room": np.ones(2 * len(robot.bodies))}
-    apart = asked | {"bodies": bodies_of(robot), "margins": np.full(len(robot.pairs), 0.01)}
+    asked = {"bodies": bodies_of(robot), "interest": 3.0, "quarter_way": True}
+    allowed = {"allowed": compiled.AllowedContacts(**contacts)}
+    clear = asked | obstacles | {"margin": 0.01, "times": times}
+    clear |= {"room": np.ones(3 * len(robot.bodies))}
+    apart = asked | {"margins": np.full(len(robot.pairs), 0.01)}
     return {
-        "Margins": (compiled.Margins, margins | {"room": np.ones(3)}),
         "AllowedContacts": (allowing, contacts),
         "ContactsAtStart": (touching, at_start),
-        "lines_clear_of_spheres": (
-            kept(compiled.lines_clear_of_spheres),
-            lines | {"spheres": spheres, "room": np.ones(2 * robot.joints)},
-        ),
-        "bodies_clear_of_spheres": (
-            kept(compiled.bodies_clear_of_spheres),
-            each | {"spheres": spheres},
-        ),
-        "bodies_clear_of_obstacles": (
-            kept(compiled.bodies_clear_of_obstacles),
-            each | {"obstacles": obstacles},
+        "bodies_clear": (
+            lambda **arguments: evaluated(compiled.bodies_clear(**arguments)),
+            clear | allowed,
         ),
         "pairs_apart": (
             lambda **arguments: evaluated(compiled.pairs_apart(**arguments)),
-            apart | bodies,
+            apart | allowed,
         ),
     }

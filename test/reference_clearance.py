@@ -11,7 +11,6 @@ from dense_motion import centers_of, to_lines
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, SHORTEST_PIECE
 from ff_planner_ros.planning.distance.clearance import (
     clearance_gradients,
     clearances,
@@ -29,37 +28,21 @@ def clearance_rows(
     times: Array,
     spheres: Sequence[Obstacle],
     interest: float,
-    quarter_way: bool,
 ) -> tuple[Array, Array, Indices]:
     """Return distances of segments from spheres below `interest` [m], and their derivatives.
 
     Args:
-        q: At all points but the first, then half-way in every interval.
         q_sensitivity: As for `arm_points_with_derivatives`.
-        times: Of all configurations that are evaluated.
-        quarter_way: Also evaluate at a quarter and three quarters of all intervals but the first,
-            by the parabola through both ends and the middle.
 
     Returns:
-        Shapes (rows,), (rows, columns) and (rows,): the last says which point, joint that a segment
-        starts at, and sphere.
+        Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
     """
     positions, derivatives = arm_points_with_derivatives(robot, q, q_sensitivity)
-    if quarter_way:
-        positions, derivatives = (
-            np.concatenate([at, at_quarters(at)]) for at in (positions, derivatives)
-        )
     starts = segments(positions)
     clear = clearances(positions, times, starts, spheres)
     rows = np.nonzero(clear.distance < interest)
     jacobian = clearance_gradients(clear, derivatives, starts, rows)
-    point, segment, sphere = rows
-    shape = len(positions), robot.joints, len(spheres)
-    return (
-        clear.distance[rows],
-        jacobian,
-        np.ravel_multi_index((point, starts[segment], sphere), shape),
-    )
+    return clear.distance[rows], jacobian, np.ravel_multi_index(rows, clear.distance.shape)
 
 
 def arm_points_with_derivatives(
@@ -103,72 +86,23 @@ def _arm_kinematics(robot: Robot, q: Array) -> tuple[Array, Array, Array, Array]
     return points, axes, slides, base
 
 
-def at_quarters(values: Array) -> Array:
-    """Return values at a quarter and three quarters of all intervals but the first, by parabolas.
-
-    Args:
-        values: At all points but the first, then half-way in every interval.
-    """
-    at_points, half_way = np.split(values, 2)
-    begin, middle, end = at_points[:-1], half_way[1:], at_points[1:]
-    first = (3.0 * begin + 6.0 * middle - end) / 8.0
-    return np.concatenate([first, (3.0 * end + 6.0 * middle - begin) / 8.0])
-
-
-def search_certificate(
-    robot: Robot,
-    q: Array,
-    v: Array,
-    times: Array,
-    spheres: Sequence[Obstacle],
-    gap: float = CERTIFICATE_GAP,
-    part: float = 0.0,
+def dense_clearance(
+    robot: Robot, q: Array, v: Array, times: Array, spheres: Sequence[Obstacle], parts: int = 100
 ) -> float:
-    """Return a lower bound of the clearance of the centre lines along the whole motion [m].
+    """Return the least clearance of the centre lines at many times of a motion [m].
 
-    Between two points the motion is the cubic through both configurations and velocities. On an
-    interval of it arm and sphere move at most by their speed bounds, so the distance is at least
-    the mean of both ends' less half of both displacements. Intervals whose bound is too low to
-    decide are halved. The bound is within the gap [m] or this part of the truth.
+    Between two points the motion is the cubic through both configurations and velocities.
     """
-    if not spheres:
-        return np.inf
-    steps = np.diff(times)
-    by_sphere = _distances(robot, q, times, spheres)
-    cubics = _cubics(robot, q, v, steps)
-    points, *_ = _arm_kinematics(robot, q[:1])
-    of_arm = np.array([way_and_bend(points[0], q[0, :3], cubic)[0] for cubic in cubics])
-    speeds = np.array([sphere.highest_speed for sphere in spheres])
-    # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
-    ways = of_arm[:, None] + steps[:, None] * speeds
-    index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
-    lowest = certified = float(by_sphere.min())
-    # What no step can bring nearer than the nearest point need not be looked at again.
-    reachable = by_sphere.min(axis=0) <= lowest + ways.max(axis=0)
-    spheres = [sphere for sphere, keep in zip(spheres, reachable, strict=True) if keep]
-    # Each of shape (pieces, spheres): a fast one that is far away is not looked at closely.
-    ways, at_begin, at_end = ways[:, reachable], by_sphere[:-1, reachable], by_sphere[1:, reachable]
-    while True:
-        length = end - begin
-        bound = ((at_begin + at_end - ways[index] * length[:, None]) / 2).min(axis=1)
-        open_ = (bound < lowest - max(gap, part * lowest)) & (length > SHORTEST_PIECE)
-        certified = min(certified, float(bound[~open_].min(initial=np.inf)))
-        if not open_.any():
-            return certified
-        index, begin, end = index[open_], begin[open_], end[open_]
-        middle = (begin + end) / 2
-        powers = middle[:, None] ** np.array([1, 2, 3])
-        moved = np.einsum("ip,ipj->ij", powers, cubics[index])
-        between = np.array(
-            [pin.integrate(robot.model, *at) for at in zip(q[index], moved, strict=True)]
-        )
-        then = times[index] + middle * steps[index]
-        at_middle = _distances(robot, between, then, spheres)
-        lowest = min(lowest, float(at_middle.min()))
-        index = np.concatenate([index, index])
-        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
-        at_begin = np.concatenate([at_begin[open_], at_middle])
-        at_end = np.concatenate([at_middle, at_end[open_]])
+    cubics = _cubics(robot, q, v, np.diff(times))
+    part = np.linspace(0.0, 1.0, parts + 1)
+    moved = np.einsum("sp,cpj->csj", part[:, None] ** np.array([1, 2, 3]), cubics)
+    between = [
+        pin.integrate(robot.model, begin, step)
+        for begin, steps in zip(q, moved, strict=False)
+        for step in steps
+    ]
+    when = (times[:-1, None] + part * np.diff(times)[:, None]).ravel()
+    return float(_distances(robot, np.array(between), when, spheres).min())
 
 
 def way_and_bend(points: Array, base: Array, cubic: Array) -> tuple[float, float]:

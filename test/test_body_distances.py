@@ -17,12 +17,12 @@ from bodied_robots import (
     random_robot,
     tumbling_spheres,
 )
-from core_rows import CoreRows, pair_distances_of_core, rows_along, sphere_distances_of_core
+from core_rows import CoreRows, distances_of_core, pair_distances_of_core, rows_along
 from robots import random_state
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, sphere_arrays, spheres_of
+from ff_planner_ros.core.conversions import bodies_of, sphere_arrays
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     distance_from,
@@ -32,6 +32,7 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -265,8 +266,11 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     seen = centers_in_base(q, centers + times[:, None, None] * velocities)
     truth = sphere_distances(robot, placed, seen, radius, rows)
     gradients = sphere_gradients(robot, placed, truth, rows)
-    of = compiled.Spheres(centers[0], velocities, radius), 9
-    found = sphere_distances_of_core(robot, q, times, *of, interest)
+    spheres = [
+        Obstacle.sphere(str(k), *one)
+        for k, one in enumerate(zip(centers[0], radius, velocities, strict=True))
+    ]
+    found = distances_of_core(robot, q, times, spheres, interest)
     require_rows(
         found,
         truth.distance,
@@ -298,7 +302,7 @@ def test_the_core_knows_where_spheres_are_that_are_fixed_to_a_tumbling_body(seed
     seen = centers_in_base(q, centers_at(times, spheres))
     truth = sphere_distances(robot, placed, seen, radius, rows)
     gradients = sphere_gradients(robot, placed, truth, rows)
-    found = sphere_distances_of_core(robot, q, times, spheres_of(spheres, 3.0), 9, 0.6)
+    found = distances_of_core(robot, q, times, spheres, 0.6)
     require_rows(
         found,
         truth.distance,

@@ -10,13 +10,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from core_rows import certified_by_core
 from scipy.optimize import minimize_scalar
 from straight_arms import panel_about, straight_arm, told, turning
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance import certificate
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
-from ff_planner_ros.planning.distance.search_certificate import search_certificate
+from ff_planner_ros.planning.distance.search_certificate import search_distance
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import (
@@ -40,7 +41,7 @@ def require(motion: FollowedMotion, spheres: Sequence[Obstacle], true: float) ->
     """Hold both certificates against the true clearance, and each against its gap."""
     asked = ARM, motion.q, motion.v, motion.time, spheres
     assert true - certificate.LINES_GAP - 1e-9 <= certified_clearance(*asked) <= true + 1e-9
-    assert true - CERTIFICATE_GAP - 1e-9 <= search_certificate(*asked) <= true + 1e-9
+    assert true - CERTIFICATE_GAP - 1e-9 <= certified_by_core(*asked) <= true + 1e-9
 
 
 def on_circle(angle: float, distance: float) -> Array:
@@ -223,5 +224,5 @@ def test_the_search_takes_a_closer_look_at_what_it_may_touch(true: float) -> Non
 
 
 def test_without_spheres_nothing_is_near() -> None:
-    asked = ARM, REST.q, REST.v, REST.time, ()
-    assert certified_clearance(*asked) == search_certificate(*asked) == np.inf
+    assert certified_clearance(ARM, REST.q, REST.v, REST.time, ()) == np.inf
+    assert search_distance(ARM, REST, (), np.arange(0), 1, 0.0) == np.inf

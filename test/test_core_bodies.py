@@ -15,7 +15,7 @@ from test_body_distances import all_pairs, configurations, every_row, spheres_ar
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, chain_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
 from ff_planner_ros.planning.distance import search_certificate
 from ff_planner_ros.planning.distance.bodies import kinds_and_sizes, placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
@@ -157,7 +157,6 @@ def test_no_point_of_a_body_comes_further_from_joints_and_base_than_is_said(seed
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"ways": np.zeros((1, 2))}, "ways has the shape (1, 2, ), not"),
         ({"chosen": np.array([-1])}, "number -1 is chosen"),
         ({"chosen": np.array([10**6])}, "number 1000000 is chosen"),
         ({"last": 2}, "last is no point"),
@@ -171,22 +170,13 @@ def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
     robot = random_robot(1)
     q = np.zeros((2, 13))
     q[:, 6] = 1.0
-    of_both = {
-        "motion": compiled.CubicMotion(chain_of(robot), q, np.zeros((1, 3, 12)), np.arange(2.0)),
-        "bodies": bodies_of(robot),
-        "chosen": np.arange(1),
-        "last": 1,
-        "gap": 1e-3,
-        "part": 0.0,
-    }
-    of_pairs = of_both | {"ways": np.zeros((1, len(robot.pairs)))}
-    of_spheres = of_both | {
-        "ways": np.zeros((1, len(robot.bodies))),
-        "others": compiled.Spheres(np.full((1, 3), 9.0), np.zeros((1, 3)), np.ones(1)),
-    }
+    motion = chain_of(robot), q, np.zeros((2, 12)), np.arange(2.0)
+    of_both = {"motion": compiled.CubicMotion(*motion), "bodies": bodies_of(robot)}
+    of_both |= {"chosen": np.arange(1), "last": 1, "gap": 1e-3, "part": 0.0}
+    far = obstacles_of([Obstacle.sphere("far", [9.0, 9.0, 9.0], 1.0)], 1.0)
     for ask, arguments in (
-        (compiled.certified_pair_distance, of_pairs),
-        (compiled.certified_distance, of_spheres),
+        (compiled.certified_pairs, of_both),
+        (compiled.certified_obstacles, of_both | {"obstacles": far}),
     ):
         assert ask(**arguments) < 20.0  # type: ignore[arg-type]
         with pytest.raises(ValueError, match=re.escape(said)):

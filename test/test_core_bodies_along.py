@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bodied_robots import random_robot
-from core_rows import no_margins, rows_along
+from core_rows import rows_along
 from reference_distance_rows import in_order, with_quarters
 from test_body_distances import dense_rows, every_row, require_rows, spheres_around
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of
+from ff_planner_ros.core.conversions import bodies_of, obstacles_of
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import sphere_distances, sphere_gradients
+from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
 
 GAPS, DURATION = 6, 2.4
@@ -35,10 +36,12 @@ def test_a_quarter_of_the_way_is_that_of_the_parabola(seed: int) -> None:
     q[:, 3:7] = [1.0, 0.0, 0.0, 0.0] + 0.05 * rng.normal(size=(len(q), 4))
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
     (centers,), radii = spheres_around(robot, q[:1], 4, rng)
-    spheres = compiled.Spheres(centers, np.zeros((4, 3)), radii)
-    count, times = 4 * len(robot.bodies), np.sort(times_looked_at(DURATION, GAPS + 1))
-    asked = compiled.bodies_clear_of_spheres(
-        bodies_of(robot), spheres, no_margins(count), times, FAR, True, None
+    spheres = [
+        Obstacle.sphere(str(k), *one) for k, one in enumerate(zip(centers, radii, strict=True))
+    ]
+    room, times = np.zeros(4 * len(robot.bodies)), np.sort(times_looked_at(DURATION, GAPS + 1))
+    asked = compiled.bodies_clear(
+        bodies_of(robot), obstacles_of(spheres, DURATION), 0.0, room, times, FAR, True, None
     )
     found = rows_along(robot, [asked], q[::2], q[1::2])
     assert len(np.unique(np.sign(found.q[:, 3]))) == 2

@@ -19,7 +19,7 @@ from ff_planner_ros.core.conversions import bodies_of, chain_of
 Arguments = dict[str, Any]
 
 ROBOT = random_robot(1)
-JOINTS, BODIES, PAIRS = ROBOT.joints, len(ROBOT.bodies), len(ROBOT.pairs)
+JOINTS = ROBOT.joints
 SIZE, POINTS, COLUMNS = 6 + JOINTS, 4, 3
 RNG = np.random.default_rng(0)
 
@@ -56,32 +56,14 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     q[:, 6] = 1.0
     q[:, 7:] = RNG.normal(scale=0.3, size=(POINTS, JOINTS))
     by_q = RNG.normal(size=(POINTS, SIZE, COLUMNS))
-    place = [[9.0, 0.0, 1.0], [0.4, 0.1, 2.0]]
-    two = {"centers": np.array(place), "velocities": np.full((2, 3), 1e-3)}
-    two |= {"radii": np.array([0.5, 0.1])}
-    attached = {
-        "spheres": [1],
-        "places": np.array([[0.2, 0.0, 0.1]]),
-        "position": np.array([4.0, 0.0, 0.0]),
-        "velocity": np.zeros(3),
-        "begins": np.zeros(1),
-        "series": np.array([[[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.05, 0.0]]]),
-        "fastest_turn": 0.2,
-    }
-    two |= {"attached": [compiled.Attached(**attached)]}
-    spheres = {"spheres": compiled.Spheres(**two)}
     chain = {"chain": chain_of(ROBOT)}
     way = chain | {
         "q": q,
-        "cubics": np.full((POINTS - 1, 3, SIZE), 1e-3),
+        "v": np.full((POINTS, SIZE), 1e-3),
         "times": np.arange(POINTS * 1.0),
     }
-    certified = {"motion": compiled.CubicMotion(**way)}
-    asked = (
-        certified
-        | {"bodies": bodies_of(ROBOT)}
-        | {"chosen": np.arange(2), "last": POINTS - 1, "gap": 1e-3, "part": 0.02}
-    )
+    asked = {"motion": compiled.CubicMotion(**way), "bodies": bodies_of(ROBOT)}
+    asked |= {"chosen": np.arange(2), "last": POINTS - 1, "gap": 1e-3, "part": 0.02}
     start = {
         "position": np.zeros(3),
         "rotation": np.eye(3),
@@ -108,35 +90,27 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     }
     motion, goal = compiled.DrivenMotion(**driven), compiled.Target(**target)
     rows = RNG.normal(size=(half, 2))
-    tumbling = {name: attached[name] for name in ("position", "velocity", "begins", "series")}
-    obstacle = {
-        "kind": 3,
-        "sizes": np.zeros(3),
-        "vertices": RNG.normal(scale=0.3, size=(6, 3)),
-        "grown": 0.01,
-        "center": np.zeros(3),
-        "radius": 1.5,
-        "rotation": np.eye(3),
-        "position": np.array([0.5, 0.2, 1.0]),
-        "velocity": np.full(3, 1e-3),
-        "rate": np.full(3, 0.1),
-        "highest_speed": 0.3,
-        "body": None,
+    tumbling = {
+        "position": np.array([4.0, 0.0, 0.0]),
+        "velocity": np.zeros(3),
+        "begins": np.zeros(1),
+        "series": np.array([[[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.05, 0.0]]]),
     }
-    held = obstacle | {"kind": 4, "sizes": np.array([0.3, 0.4, 0.0])}
-    held |= {"vertices": np.empty((0, 3)), "body": compiled.TumblingBody(**tumbling)}
-    both = [compiled.Obstacle(**one) for one in (obstacle, held)]
-    obstacles = {"obstacles": compiled.Obstacles(both)}
-    hull = {
-        "carriers": 1,
-        "rotation": np.eye(3),
-        "position": np.zeros(3),
-        "center": np.zeros(3),
-        "radius": 1.0,
-        "kind": 3,
-        "sizes": np.zeros(3),
-        "vertices": RNG.normal(size=(4, 3)),
-    }
+    hull = {"kind": 3, "sizes": np.zeros(3), "grown": 0.01}
+    hull |= {"vertices": RNG.normal(scale=0.3, size=(6, 3))}
+    cone = {"kind": 4, "sizes": np.array([0.3, 0.4, 0.0]), "vertices": np.empty((0, 3))}
+    ball = {"kind": 0, "sizes": np.array([0.3, 0.0, 0.0]), "vertices": np.empty((0, 3))}
+    place = {"rotation": np.eye(3), "position": np.array([0.5, 0.2, 1.0])}
+    around = {"center": np.zeros(3), "radius": 1.5, "solid": compiled.Solid(**hull)}
+    moving = {"velocity": np.full(3, 1e-3), "rate": np.full(3, 0.1)}
+    obstacle = place | around | moving | {"body": None}
+    held = {"body": compiled.TumblingBody(**tumbling)}
+    every = [compiled.Obstacle(**obstacle)] + [
+        compiled.Obstacle(**(obstacle | held | {"solid": compiled.Solid(**one, grown=0.0)}))
+        for one in (cone, ball)
+    ]
+    obstacles = {"obstacles": compiled.Obstacles(every)}
+    body = place | around | {"carriers": 1, "slide": np.zeros(3)}
     links = {
         "translations": np.full((3, 3), 0.4),
         "rotations": np.tile(np.eye(3), (3, 1, 1)),
@@ -157,7 +131,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     of_paths |= {"null_space": compiled.NullSpaceFade(**fade)}
     of_splines = chain | {"start": driven["start"], "target": goal, "has_goal": True}
     of_splines |= {"duration": 3.0}
-    made = programs(ROBOT, of_paths, of_splines, spheres["spheres"], obstacles["obstacles"])
+    made = programs(ROBOT, of_paths, of_splines, obstacles)
     return made | {
         "Chain": (compiled.Chain, links),
         "velocity": (
@@ -181,7 +155,6 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.arm_points_with_derivatives,
             chain | {"q": q, "q_sensitivity": by_q},
         ),
-        "Attached": (compiled.Attached, attached),
         "held_momenta": (
             compiled.held_momenta,
             chain | {"q": q, "v": q[:, 1:], "accelerations": q[:, 7:]},
@@ -197,10 +170,6 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             | {"tolerance": 1e-6, "progress": 1e-6, "tolerated": 0.0, "feasibility": 1e-6}
             | {"inside": 5e-6},
         ),
-        "certified_clearance": (
-            compiled.certified_clearance,
-            certified | spheres | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3, "part": 0.0},
-        ),
         "Deadline": (compiled.Deadline, {"seconds": 1.0}),
         "Start": (compiled.Start, start),
         "Target": (compiled.Target, target),
@@ -210,27 +179,18 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             motion.goal_error_by_x,
             {"angle_rows": rows, "rate_rows": rows, "acceleration_row": rows[0], "target": goal},
         ),
-        "Spheres": (compiled.Spheres, two),
         "CubicMotion": (compiled.CubicMotion, way),
-        "Body": (compiled.Body, hull),
+        "Solid": (compiled.Solid, hull),
+        "Body": (compiled.Body, body),
         "Bodies": (
             compiled.Bodies,
-            {"bodies": [compiled.Body(**hull)] * 2, "pairs": np.array([[0, 1]])},
+            {"bodies": [compiled.Body(**body)] * 2, "pairs": np.array([[0, 1]])},
         ),
         "TumblingBody": (compiled.TumblingBody, tumbling),
         "Obstacle": (compiled.Obstacle, obstacle),
-        "Obstacles": (compiled.Obstacles, {"obstacles": both}),
-        "certified_distance": (
-            lambda **asked: tuple(
-                compiled.certified_distance(others=others, **asked)
-                for others in (spheres["spheres"], obstacles["obstacles"])
-            ),
-            asked | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
-        ),
-        "certified_pair_distance": (
-            compiled.certified_pair_distance,
-            asked | {"ways": np.full((POINTS - 1, PAIRS), 0.1)},
-        ),
+        "Obstacles": (compiled.Obstacles, {"obstacles": every}),
+        "certified_obstacles": (compiled.certified_obstacles, asked | obstacles),
+        "certified_pairs": (compiled.certified_pairs, asked),
     }
 
 
@@ -369,7 +329,6 @@ def numbers_or_refusal(name: str, changed: Arguments) -> None:
 @pytest.mark.parametrize(
     "argument",
     [
-        "spheres",
         "rows",
         "chosen",
         "pairs",
@@ -387,12 +346,7 @@ def test_numbers_of_what_there_is_not_are_refused(argument: str) -> None:
             continue
         for wrong in (-1, 2**31 - 1, 2**31, 2**32, 2**70):
             value = wrong if isinstance(arguments[argument], int) else [wrong]
-            if name == "Attached" and wrong == 2**31 - 1:
-                continue  # it is told how many spheres there are only where it is used
             if argument == "points" and wrong == 2**31 - 1:
                 continue  # nothing but memory forbids it
             with pytest.raises((ValueError, TypeError)):
                 answer(name, {argument: value})
-    attached = compiled.Attached(**(SOUND["Attached"][1] | {"spheres": [2]}))
-    with pytest.raises(ValueError, match="attached has sphere 2, and there are 2"):
-        answer("Spheres", {"attached": [attached]})

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import reference_clearance
-from core_rows import EACH, resting_paths
+from core_rows import EACH, certified_by_core, resting_paths
 from reference_objectives import chaser_euler, joint_path
 from robots import random_state
 from test_core import FREE, PLANAR, agree, chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures, measure
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.search_certificate import search_certificate
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import Obstacle, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.search.planner import plan
@@ -107,10 +103,8 @@ def evaluated(
 
 
 @pytest.mark.parametrize("name", FREE + PLANAR)
-def test_the_certificate_of_the_search_is_that_of_numpy_and_never_above_the_check_s(
-    name: str,
-) -> None:
-    """Among spheres that rest and that move, near and far."""
+def test_the_certificate_of_the_search_is_below_the_truth_by_its_gap_at_most(name: str) -> None:
+    """Among spheres that rest and that move, near and far; the truth by many times."""
     robot = chain_robot(name)
     rng = np.random.default_rng(robot.joints)
     q_start, v = configuration(robot, random_state(robot, rng))
@@ -126,11 +120,8 @@ def test_the_certificate_of_the_search_is_that_of_numpy_and_never_above_the_chec
             for k, place in enumerate(places)
         ]
         question = (robot, q, np.tile(v, (12, 1)), times, spheres)
-        found, of_check = search_certificate(*question), certified_clearance(*question)
-        expected = reference_clearance.search_certificate(*question)
-        assert found == pytest.approx(expected, rel=0.0, abs=1e-10)
-        assert found - 1e-12 <= of_check <= found + CERTIFICATE_GAP
-    assert search_certificate(robot, q, q[:, 1:], times, []) == np.inf
+        found, dense = certified_by_core(*question), reference_clearance.dense_clearance(*question)
+        assert dense - CERTIFICATE_GAP - 1e-3 <= found <= dense + 1e-9
 
 
 @pytest.mark.parametrize("speed", [1e3, 1e7, 1e30])
@@ -146,45 +137,7 @@ def test_a_sphere_that_passes_by_far_away_does_not_hide_how_near_another_one_is(
     begins = tip + np.array([-6.1 * speed, 90.0, 0.0])
     passing = Obstacle.sphere("debris", begins, 0.2, [speed, 0.0, 0.0])
     alone = certified_clearance(robot, q, still, times, [rock])
-    for certificate in (certified_clearance, search_certificate):
+    for certificate in (certified_clearance, certified_by_core):
         assert certificate(robot, q, still, times, [rock, passing]) == pytest.approx(
             alone, abs=1e-9
         )
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"q": np.zeros((1, 13))}, "q must hold two configurations or more"),
-        ({"cubics": np.zeros((1, 2, 12))}, "cubics has the shape (1, 2, 12, ), not (1, 3, 12, )"),
-        ({"ways": np.full(1, np.inf)}, "ways is not finite"),
-        ({"times": np.zeros(3)}, "times has the shape (3, ), not (2, )"),
-        ({"radii": np.zeros(2)}, "radii has the shape (2, ), not (1, )"),
-        ({"gap": 0.0}, "gap must be positive"),
-    ],
-)
-def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
-    change: dict[str, Any], said: str
-) -> None:
-    """A gap of zero would halve without end."""
-    chain = chain_of(chain_robot("free6"))
-    q = np.zeros((2, 13))
-    q[:, 6] = 1.0
-    motion = {"q": q, "cubics": np.zeros((1, 3, 12)), "times": np.arange(2.0)}
-    spheres = {"centers": np.full((1, 3), 9.0), "velocities": np.zeros((1, 3)), "radii": np.ones(1)}
-    rest = {"ways": np.zeros(1), "gap": 1e-3, "part": 0.0}
-
-    def certified(**change: Any) -> float:
-        of_motion, of_spheres, others = (
-            {name: change.get(name, value) for name, value in part.items()}
-            for part in (motion, spheres, rest)
-        )
-        return compiled.certified_clearance(
-            compiled.CubicMotion(chain, **of_motion),
-            spheres=compiled.Spheres(**of_spheres),
-            **others,
-        )
-
-    assert 0.0 < certified() < 20.0
-    with pytest.raises(ValueError, match=re.escape(said)):
-        certified(**change)

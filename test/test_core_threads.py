@@ -11,8 +11,8 @@ from statistics import median
 import numpy as np
 import pytest
 from bodied_robots import random_obstacles, random_robot
+from core_rows import distances_of_core
 from test_body_distances import configurations
-from test_obstacle_shapes import core_rows
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import Obstacle
@@ -50,7 +50,7 @@ def test_any_number_of_threads_finds_the_same_rows(seed: int, count: int) -> Non
     found = []
     for used in range(1, min(len(CORES), MOST_THREADS + 1) + 1):
         with cores(used):
-            found.append(core_rows(robot, q, times, obstacles, INTEREST))
+            found.append(distances_of_core(robot, q, times, obstacles, INTEREST))
     for rows in found:
         for part, expected in zip(rows, found[0], strict=True):
             np.testing.assert_array_equal(part, expected)
@@ -69,6 +69,6 @@ def test_many_pairs_are_shared_and_few_are_not() -> None:
         parts = []
         for _ in range(5):
             begun = time.process_time(), time.thread_time()
-            core_rows(robot, q, times, obstacles, INTEREST)
+            distances_of_core(robot, q, times, obstacles, INTEREST)
             parts.append((time.thread_time() - begun[1]) / (time.process_time() - begun[0]))
         assert (median(parts) < 0.9) == is_shared, parts

@@ -8,13 +8,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bodied_robots import random_robot, tumbling_spheres
-from core_rows import CoreRows, line_distances, sphere_distances_of_core
+from core_rows import CoreRows, distances_of_core
 from dense_motion import centers_of, to_lines
 from test_body_distances import configurations
 from test_core import chain_robot
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
 from ff_planner_ros.planning.problem.problem import Obstacle
 
@@ -38,8 +37,7 @@ def test_distances_of_lines_change_with_their_times_as_their_differences(seed: i
     spheres = spheres_near(arm_points(robot, q)[0, 3], seed)
 
     def rows(times: Array, lasting: bool = False) -> CoreRows:
-        of = spheres_of(spheres, 10.0), len(spheres)
-        return line_distances(robot, q, times, *of, FAR, lasting=lasting)
+        return distances_of_core(robot, q, times, spheres, FAR, lasting=lasting)
 
     found = rows(TIMES, lasting=True)
     ahead, behind = (rows(TIMES + way * LATER) for way in (STEP, -STEP))
@@ -58,8 +56,7 @@ def test_spheres_on_a_body_that_has_tumbled_for_long_are_where_they_are(seed: in
     robot, times = chain_robot("free6"), np.linspace(5.0, 90.0, POINTS)
     q = configurations(robot, POINTS, seed)
     spheres = spheres_near(arm_points(robot, q)[0, 3], seed)
-    in_core = spheres_of(spheres, times[-1])
-    distances, _, names, *_ = line_distances(robot, q, times, in_core, len(spheres), FAR)
+    distances, _, names, *_ = distances_of_core(robot, q, times, spheres, FAR)
     assert len(names) == POINTS * len(segments(arm_points(robot, q))) * len(spheres)
     nearest = distances[np.argsort(names)].reshape(POINTS, -1, len(spheres)).min(axis=1)
     for number, sphere in enumerate(spheres):
@@ -75,8 +72,7 @@ def test_distances_of_bodies_change_with_their_times_as_their_differences(seed: 
     spheres = spheres_near(q[0, :3], seed)
 
     def rows(times: Array) -> tuple[dict[int, float], dict[int, float]]:
-        of = spheres_of(spheres, 10.0), len(spheres)
-        found = sphere_distances_of_core(robot, q, times, *of, FAR, lasting=True)
+        found = distances_of_core(robot, q, times, spheres, FAR, lasting=True)
         names, later = found.names.tolist(), found.jacobian[:, -1].tolist()
         return dict(zip(names, found.values.tolist(), strict=True)), dict(
             zip(names, later, strict=True)

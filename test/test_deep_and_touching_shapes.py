@@ -14,14 +14,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import random_robot, random_solid
-from core_rows import CoreRows, pair_distances_of_core, sphere_distances_of_core
+from core_rows import CoreRows, distances_of_core, pair_distances_of_core
 from exact_solids import AGREED, Placed, gap_along, signed_distance
 from scipy.spatial.transform import Rotation
 from test_body_distances import configurations
-from test_obstacle_shapes import FAR, core_rows
+from test_obstacle_shapes import FAR
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
     Distances,
@@ -137,7 +136,7 @@ def answers(arm: Robot, group: Group) -> tuple[dict[str, OfCore], dict[str, Dist
     obstacles = tuple(obstacle_of(*one) for one in enumerate(group.others))
     poses = seen_from_chaser(q, now, obstacles)
     core = {
-        "obstacles": OfCore.of(core_rows(alone, q, now, obstacles, FAR), count),
+        "obstacles": OfCore.of(distances_of_core(alone, q, now, obstacles, FAR), count),
         "pairs": OfCore.of(pair_distances_of_core(together, q, FAR), count),
     }
     checked = {
@@ -148,8 +147,7 @@ def answers(arm: Robot, group: Group) -> tuple[dict[str, OfCore], dict[str, Dist
         spheres = [
             Obstacle.sphere(str(k), one.position, one.radius) for k, one in enumerate(group.others)
         ]
-        of = alone, q, now, spheres_of(spheres, 0.0), count, FAR
-        core["spheres"] = OfCore.of(sphere_distances_of_core(*of), count)
+        core["spheres"] = OfCore.of(distances_of_core(alone, q, now, spheres, FAR), count)
         centers = np.array([[one.center for one in spheres]])
         radii = np.array([one.radius for one in spheres])
         checked["spheres"] = sphere_distances(alone, placed, centers, radii, rows)
@@ -281,5 +279,5 @@ def test_a_thin_plate_deep_in_a_long_tube_leaves_by_its_shortest_way_wherever_bo
         seen = Obstacle(
             "plate", plate, RigidMotion(at + frame.apply(place), (frame * turn).as_quat())
         )
-        rows = core_rows(alone, q, np.zeros(1), (seen,), FAR)
+        rows = distances_of_core(alone, q, np.zeros(1), (seen,), FAR)
         assert rows.values[0] == pytest.approx(truth, abs=EXACT), number

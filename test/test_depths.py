@@ -14,9 +14,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import random_robot
+from core_rows import distances_of_core
 from scipy.spatial.transform import Rotation
 from test_body_distances import configurations
-from test_obstacle_shapes import FAR, core_rows
+from test_obstacle_shapes import FAR
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
@@ -97,7 +98,7 @@ def depths_of_core(
         )
         for number, (other, middle, turn) in enumerate(others)
     )
-    rows = core_rows(alone, q, np.zeros(1), seen, FAR)
+    rows = distances_of_core(alone, q, np.zeros(1), seen, FAR)
     return -rows.values[np.argsort(rows.names)]
 
 

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from core_rows import obstacle_distances_of_core
+from core_rows import distances_of_core
 from robots import CONFIG, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from shaped_problems import SOLIDS
 from straight_arms import ball, straight_arm
 
-from ff_planner_ros.core.conversions import obstacles_of
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.bodies import placed_bodies
@@ -197,9 +196,7 @@ def test_a_solid_that_is_grown_is_all_that_is_within_a_distance_of_it(kind: str)
             rows = none, np.arange(count), none
             of_coal = obstacle_distances(robot, placed, poses, [one], rows).distance
             interest = float(of_coal.max()) + 1e-3  # so much that none may be left out
-            of_core = obstacle_distances_of_core(
-                robot, q, np.zeros(1), obstacles_of([one], 1.0), 1, interest
-            ).values
+            of_core = distances_of_core(robot, q, np.zeros(1), [one], interest).values
             np.testing.assert_allclose(of_core, of_coal, atol=1e-6)
             bounds = obstacle_bounds(robot, placed, q, np.zeros(1), [one])[0, :, 0]
             assert (bounds <= of_coal + 1e-9).all()

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import random_obstacles, random_robot, random_solid
-from core_rows import EACH, CoreRows, obstacle_distances_of_core, rows_of_motion
+from core_rows import EACH, CoreRows, distances_of_core, rows_of_motion
 from scipy.spatial.transform import Rotation
 from test_body_clearance import random_motion
 from test_body_distances import configurations, every_row
@@ -22,7 +22,6 @@ from test_limits_by_hand import POSTURE
 from test_search_keeps_both_ways import POINTS, motion_of
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.core.conversions import obstacles_of
 from ff_planner_ros.planning.distance import search_certificate
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import EXACT_PART, least_obstacle_distance
@@ -50,19 +49,6 @@ FAR = 1e3  # [m] all of it is of interest
 def pose_of(one: Obstacle, time: float) -> pin.SE3:
     rotations, positions = one.motion.poses(np.array([time]))
     return pin.SE3(rotations[0], positions[0])
-
-
-def core_rows(
-    robot: Robot,
-    q: Array,
-    times: Array,
-    obstacles: tuple[Obstacle, ...],
-    interest: float,
-    lasting: bool = False,
-) -> CoreRows:
-    """Distances by the core."""
-    of = obstacles_of(obstacles, float(times[-1])), len(obstacles)
-    return obstacle_distances_of_core(robot, q, times, *of, interest, lasting)
 
 
 def exact_distance(
@@ -103,7 +89,7 @@ def test_random_solids_are_as_far_apart_as_coal_says(
         )
         q = configurations(robot, 1, case)
         q[0, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-        distances, _, names, *_ = core_rows(robot, q, np.zeros(1), obstacles, FAR)
+        distances, _, names, *_ = distances_of_core(robot, q, np.zeros(1), obstacles, FAR)
         poses, rows = seen_from_chaser(q, np.zeros(1), obstacles), every_row(1, 4, 5)
         placed = placed_bodies(robot, q[:, 7:])
         checked = obstacle_distances(robot, placed, poses, obstacles, rows).distance
@@ -152,7 +138,7 @@ def test_solids_that_touch_or_are_deep_in_each_other_have_their_depths() -> None
         poses = seen_from_chaser(q, np.zeros(1), one)
         found = obstacle_distances(robot, placed_bodies(robot, q[:, 7:]), poses, one, rows)
         assert found.distance[0] == pytest.approx(truth, abs=2e-6), (solid.kind, place)
-        distances = core_rows(robot, q, np.zeros(1), one, FAR).values
+        distances = distances_of_core(robot, q, np.zeros(1), one, FAR).values
         assert distances[0] == pytest.approx(truth, abs=2e-8), (solid.kind, place)
 
 
@@ -188,7 +174,7 @@ def test_derivatives_by_base_joints_and_time_are_those_of_differences(
     robot = with_bodies(replace(robot, bodies=(), pairs=()) if lines else robot)
     q, times = configurations(robot, 5, seed), np.linspace(0.0, 4.0, 5)
     obstacles = random_obstacles(rng, q[2, :3], 12)
-    _, jacobian, names, _, by_x = core_rows(robot, q, times, obstacles, FAR, lasting=True)
+    _, jacobian, names, _, by_x = distances_of_core(robot, q, times, obstacles, FAR, lasting=True)
     shape = 5, len(robot.bodies), len(obstacles)
     assert len(names) == np.prod(shape)
     rows, step = np.unravel_index(names, shape), 1e-6
@@ -323,8 +309,8 @@ def test_interest_and_spheres_around_leave_nothing_out_that_is_near() -> None:
     robot, rng = random_robot(5), np.random.default_rng(5)
     q, times = configurations(robot, 4, 5), np.linspace(0.0, 3.0, 4)
     obstacles = random_obstacles(rng, q[1, :3], 25)
-    everything, jacobian, names, *_ = core_rows(robot, q, times, obstacles, FAR)
-    near, of_near, near_names, *_ = core_rows(robot, q, times, obstacles, 0.3)
+    everything, jacobian, names, *_ = distances_of_core(robot, q, times, obstacles, FAR)
+    near, of_near, near_names, *_ = distances_of_core(robot, q, times, obstacles, 0.3)
     chosen = np.flatnonzero(everything < 0.3)
     assert 10 < len(chosen) < len(everything)
     assert set(near_names.tolist()) == set(names[chosen].tolist())
@@ -342,8 +328,8 @@ def test_what_flies_past_is_near_in_the_middle_of_its_way(turning: float) -> Non
     ahead, rate = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, turning])
     begin, turn = q[0, :3] - 10.0 * ahead, np.array([0.0, 0.0, 0.0, 1.0])
     cube = Obstacle("cube", Solid("box", np.full(3, 0.8)), RigidMotion(begin, turn, ahead, rate))
-    everything, _, names, *_ = core_rows(robot, q, times, (cube,), FAR)
-    near = core_rows(robot, q, times, (cube,), 0.3).names
+    everything, _, names, *_ = distances_of_core(robot, q, times, (cube,), FAR)
+    near = distances_of_core(robot, q, times, (cube,), 0.3).names
     at = near // len(robot.bodies)
     assert 0 < at.min() <= at.max() < len(times) - 1
     np.testing.assert_array_equal(near, names[everything < 0.3])

@@ -57,6 +57,7 @@ from ff_planner_ros.planning.search.grid import grids_of
 from ff_planner_ros.problems import bodies
 from ff_planner_ros.problems.robots import ROBOTS, arm_urdf
 from ff_planner_ros.problems.scenarios import scenario
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import frame_wrenches, joint_torques
 from ff_planner_ros.robot.model import Base, robot_from_urdf_text
@@ -284,16 +285,17 @@ def test_a_line_that_slides_out_of_nothing_keeps_its_own_room() -> None:
     motion = family.motion(next(family.first_guesses(problem.obstacles, 13, 0.0)), 50)
     asked = Clearance().in_core(problem, len(motion.q), margin)
     rows = rows_of_motion(problem.robot, asked, motion)
-    at, pair = np.divmod(rows.names, problem.robot.joints * len(problem.spheres))
-    joint, sphere = np.divmod(pair, len(problem.spheres))
+    lines = np.array([body.joint - 2 for body in with_bodies(problem.robot).bodies])
+    at, pair = np.divmod(rows.names, len(lines) * len(problem.spheres))
+    line, sphere = np.divmod(pair, len(problem.spheres))
+    joint = lines[line]
 
     def distances(q: np.ndarray, times: np.ndarray) -> np.ndarray:
         every = np.arange(problem.robot.joints)
         return clearances(arm_points(problem.robot, q), times, every, problem.spheres).distance
 
-    q = np.concatenate([motion.q[1:], motion.q_half_way])
-    points = np.linspace(0.0, problem.duration, 50)
-    times = np.concatenate([points[1:], (points[1:] + points[:-1]) / 2])
+    q = np.stack([motion.q_half_way, motion.q[1:]], axis=1).reshape(-1, motion.q.shape[1])
+    times = np.linspace(0.0, problem.duration, 99)[1:]
     room = 0.5 * distances(q_start[None], np.zeros(1))[0, joint, sphere]
     grown = room + margin * np.minimum(times[at] / (0.25 * problem.duration), 1.0) ** 3
     kept = np.minimum(margin, np.where(room < 0.5 * margin, grown, room))

@@ -61,31 +61,6 @@ def arm_points_with_derivatives(
 ) -> tuple[Array, Array]:
     """Return what the function of this name in `planning.clearance` does."""
 
-class Attached:
-    """A body that turns freely, and the spheres that are fixed to it."""
-
-    def __init__(
-        self,
-        spheres: Sequence[int],  # which they are
-        places: Array,  # in the body; shape (spheres, 3) [m]
-        position: Array,  # of the centre of mass when the plan begins; shape (3,) [m]
-        velocity: Array,  # shape (3,) [m/s]
-        begins: Array,  # of the series; shape (series,) [s]
-        series: Array,  # of the quaternion (x, y, z, w); shape (series, orders, 4)
-        fastest_turn: float,  # [rad/s]
-    ) -> None: ...
-
-class Spheres:
-    """Spheres that rest, move uniformly, or are fixed to bodies."""
-
-    def __init__(
-        self,
-        centers: Array,  # when the plan begins; shape (spheres, 3) [m]
-        velocities: Array,  # shape (spheres, 3) [m/s]
-        radii: Array,  # shape (spheres,) [m]
-        attached: Sequence[Attached] = ...,
-    ) -> None: ...
-
 class CubicMotion:
     """A motion from point to point, by cubics in its tangent space."""
 
@@ -93,7 +68,7 @@ class CubicMotion:
         self,
         chain: Chain,
         q: Array,  # configurations; shape (points, 7 + joints)
-        cubics: Array,  # of `cubics_between`; shape (points - 1, 3, 6 + joints)
+        v: Array,  # tangent velocities; shape (points, 6 + joints)
         times: Array,  # shape (points,) [s]
     ) -> None: ...
 
@@ -106,17 +81,6 @@ def held_momenta(chain: Chain, q: Array, v: Array, accelerations: Array) -> tupl
     Returns:
         Momenta, and the torques that keep the base from turning, which are the momenta's rates; in
         base axes. Shapes (points, 3).
-    """
-
-def certified_clearance(
-    motion: CubicMotion, ways: Array, spheres: Spheres, gap: float, part: float
-) -> float:
-    """Return what `planning.distance.certificate.certified_clearance` does.
-
-    Args:
-        ways: Of `way_bounds`. Shape (points - 1,) [m].
-        gap: How far it may be below the truth [m], or
-        part: by which part of it.
     """
 
 class Start:
@@ -178,8 +142,19 @@ class DrivenMotion:
             acceleration_row: Likewise, at the end. Shape (variables of a joint,).
         """
 
+class Solid:
+    """A convex solid in its own frame."""
+
+    def __init__(
+        self,
+        kind: int,  # `robot.collision.bodies.Kind`
+        sizes: Array,  # half edges, or radius and half length; shape (3,) [m]
+        vertices: Array,  # of a hull; shape (vertices, 3) [m]
+        grown: float,  # how far it is grown to all sides [m]
+    ) -> None: ...
+
 class Body:
-    """A solid that is fixed to a link."""
+    """A solid that is fixed to a link, or a line to where the next joint slides."""
 
     def __init__(
         self,
@@ -188,9 +163,8 @@ class Body:
         position: Array,  # likewise; shape (3,) [m]
         center: Array,  # likewise, of a sphere around it; shape (3,) [m]
         radius: float,  # of that sphere [m]
-        kind: int,  # `robot.bodies.Kind`
-        sizes: Array,  # half edges, or radius and half length; shape (3,) [m]
-        vertices: Array,  # of a hull; shape (vertices, 3) [m]
+        solid: Solid,
+        slide: Array,  # how a line's end moves with the next joint; zero: rigid; shape (3,)
     ) -> None: ...
 
 class Bodies:
@@ -203,26 +177,28 @@ class Bodies:
     ) -> None: ...
 
 class TumblingBody:
-    """A body that turns freely; the arguments are those of `Attached`."""
+    """A body that turns freely."""
 
-    def __init__(self, position: Array, velocity: Array, begins: Array, series: Array) -> None: ...
+    def __init__(
+        self,
+        position: Array,  # of the centre of mass when the plan begins; shape (3,) [m]
+        velocity: Array,  # shape (3,) [m/s]
+        begins: Array,  # of the series; shape (series,) [s]
+        series: Array,  # of the quaternion (x, y, z, w); shape (series, orders, 4)
+    ) -> None: ...
 
 class Obstacle:
     """A convex solid that rests, moves uniformly and turns steadily, or is fixed to a body."""
 
     def __init__(
         self,
-        kind: int,  # `robot.bodies.Kind`
-        sizes: Array,  # as of `Body`
-        vertices: Array,  # likewise
-        grown: float,  # how far the solid is grown to all sides [m]
+        solid: Solid,
         center: Array,  # in its frame, of a sphere around it; shape (3,) [m]
         radius: float,  # of that sphere [m]
         rotation: Array,  # to inertial axes, when the plan begins, or to the body's; shape (3, 3)
         position: Array,  # then, or in the body; shape (3,) [m]
         velocity: Array,  # shape (3,) [m/s]
         rate: Array,  # turn rate in inertial axes; shape (3,) [rad/s]
-        highest_speed: float,  # that no point of it ever exceeds [m/s]
         body: TumblingBody | None,  # that it is fixed to
     ) -> None: ...
 
@@ -231,38 +207,27 @@ class Obstacles:
 
     def __init__(self, obstacles: Sequence[Obstacle]) -> None: ...
 
-def certified_pair_distance(
-    motion: CubicMotion,
-    bodies: Bodies,
-    ways: Array,
-    chosen: Indices,
-    last: int,
-    gap: float,
-    part: float,
+def certified_pairs(
+    motion: CubicMotion, bodies: Bodies, chosen: Indices, last: int, gap: float, part: float
 ) -> float:
-    """Return what `planning.distance.body_certificate.least_pair_distance` certifies.
+    """Return a lower bound of the least distance of pairs of bodies until a last point [m].
 
     Args:
-        ways: Of pairs against each other. Shape (points - 1, pairs) [m].
+        chosen: Numbers of the pairs.
         gap: How far it may be below the truth [m], or
         part: by which part of it.
     """
 
-def certified_distance(
+def certified_obstacles(
     motion: CubicMotion,
     bodies: Bodies,
-    ways: Array,
-    others: Spheres | Obstacles,
+    obstacles: Obstacles,
     chosen: Indices,
     last: int,
     gap: float,
     part: float,
 ) -> float:
-    """Return likewise what `least_sphere_distance` or `least_obstacle_distance` certifies.
-
-    Args:
-        ways: Of bodies. Shape (points - 1, bodies) [m].
-    """
+    """Return likewise one of bodies and obstacles; chosen: body times obstacles, plus obstacle."""
 
 class WorkingSet:
     """What a step keeps with equality."""
@@ -391,17 +356,6 @@ class PathObjective:
         wheels: Wheels | None = ...,
     ) -> None: ...
 
-class Margins:
-    """The margins of `planning.distance.start_room.margins_in_core`."""
-
-    def __init__(
-        self,
-        margin: float,  # the largest [m]
-        room: Array,  # at the start; shape (pairs,) [m]
-        little: float,  # fraction of the margin below which a room grows
-        gained: float,  # fraction of the duration in which it has grown to the margin
-    ) -> None: ...
-
 class ContactsAtStart:
     """Pairs that touch at the start, and may until the end effector has left its place there."""
 
@@ -517,42 +471,29 @@ def wheels_within(
         between: As of `accelerations_within`.
     """
 
-def lines_clear_of_spheres(
-    spheres: Spheres,
-    margins: Margins,
-    times: Array,
-    interest: float,
-    quarter_way: bool,
-) -> PathRequirement:
-    """Return what makes the rows of `Clearance`.
-
-    Args:
-        margins: Of each joint's line and sphere, spheres running fastest.
-        times: Of all points but the first, half-way, and at quarters if they are looked at [s].
-        interest: Distances above have no rows [m].
-    """
-
-def bodies_clear_of_spheres(
-    bodies: Bodies,
-    spheres: Spheres,
-    margins: Margins,
-    times: Array,
-    interest: float,
-    quarter_way: bool,
-    allowed: AllowedContacts | None,
-) -> PathRequirement:
-    """Return what makes the rows of `BodyClearance`; times: as before, ascending."""
-
-def bodies_clear_of_obstacles(
+def bodies_clear(
     bodies: Bodies,
     obstacles: Obstacles,
-    margins: Margins,
+    margin: float,
+    room: Array,
     times: Array,
     interest: float,
     quarter_way: bool,
     allowed: AllowedContacts | None,
 ) -> PathRequirement:
-    """Return what makes the rows of `ObstacleClearance`; times: ascending."""
+    """Return what makes the rows of bodies and obstacles; pairs are as of `certified_obstacles`.
+
+    Where the room is less than half of the margin, it grows to the margin in a quarter of the
+    duration, as the cube of the time, as displacements from rest do: without a margin later on,
+    nothing would keep the robot clear between the points.
+
+    Args:
+        margin: The largest that distances must keep [m].
+        room: What they must keep at most, by the distance at the start. Shape (pairs,) [m].
+        times: Of all points but the first, half-way before them, and quarters if they are looked
+            at; ascending [s].
+        interest: Distances above have no rows [m].
+    """
 
 def pairs_apart(
     bodies: Bodies,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -59,17 +60,21 @@ def bodies_of(robot: Robot) -> compiled.Bodies:
 
 
 def _body_of(body: Body) -> compiled.Body:
-    kind, sizes = kind_and_sizes(body.solid)
     return compiled.Body(
         carriers=body.joint - 1,
         rotation=body.placement_in_joint.rotation,
         position=body.placement_in_joint.translation,
         center=body.center_in_joint,
         radius=body.radius,
-        kind=kind,
-        sizes=np.array(sizes),
-        vertices=np.asarray(body.solid.points()) if kind == Kind.HULL else _NOTHING,
+        solid=_solid_of(body.solid, 0.0),
+        slide=body.slide_in_joint,
     )
+
+
+def _solid_of(solid: coal.CollisionGeometry, grown: float) -> compiled.Solid:
+    kind, sizes = kind_and_sizes(solid)
+    vertices = np.asarray(solid.points()) if kind == Kind.HULL else _NOTHING
+    return compiled.Solid(kind, np.array(sizes), vertices, grown)
 
 
 def obstacles_of(obstacles: Sequence[Obstacle], until: float) -> compiled.Obstacles:
@@ -79,36 +84,30 @@ def obstacles_of(obstacles: Sequence[Obstacle], until: float) -> compiled.Obstac
 
 @lru_cache(maxsize=8)
 def _obstacles_of(obstacles: tuple[Obstacle, ...], until: float) -> compiled.Obstacles:
+    bodies = {id(one.body): one.body for one in obstacles if one.body is not None}
     carriers = {
-        id(body): compiled.TumblingBody(
+        key: compiled.TumblingBody(
             body.position, body.linear_velocity, *body.attitude_series(until)
         )
-        for body in {one.body for one in obstacles if one.body is not None}
+        for key, body in bodies.items()
     }
-    found = []
-    for one in obstacles:
-        solid, motion, place = one.solid, one.motion, one.motion.place_in_body
-        kind, sizes = kind_and_sizes(solid.geometry)
-        if place is None:
-            rotations, positions = motion.poses(np.zeros(1))
-            place = pin.SE3(rotations[0], positions[0])
-        found.append(
-            compiled.Obstacle(
-                kind=kind,
-                sizes=np.array(sizes),
-                vertices=np.asarray(solid.geometry.points()) if kind == Kind.HULL else _NOTHING,
-                grown=solid.grown,
-                center=solid.center,
-                radius=solid.radius,
-                rotation=place.rotation,
-                position=place.translation,
-                velocity=motion.velocity,
-                rate=motion.angular_velocity,
-                highest_speed=one.highest_speed,
-                body=carriers.get(id(one.body)),
-            )
-        )
-    return compiled.Obstacles(found)
+    return compiled.Obstacles([_obstacle_of(one, carriers.get(id(one.body))) for one in obstacles])
+
+
+def _obstacle_of(one: Obstacle, carrier: compiled.TumblingBody | None) -> compiled.Obstacle:
+    shape, motion, place = one.solid, one.motion, one.motion.place_in_body
+    there = (motion.rotation, motion.position)
+    rotation, position = there if place is None else (place.rotation, place.translation)
+    return compiled.Obstacle(
+        solid=_solid_of(shape.geometry, shape.grown),
+        center=shape.center,
+        radius=shape.radius,
+        rotation=rotation,
+        position=position,
+        velocity=motion.velocity,
+        rate=motion.angular_velocity,
+        body=carrier,
+    )
 
 
 def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:
@@ -152,28 +151,3 @@ def _sphere_arrays(spheres: tuple[Obstacle, ...]) -> tuple[Array, Array, Array]:
     centers = np.array([sphere.motion.position for sphere in spheres]).reshape(-1, 3)
     velocities = np.array([sphere.motion.velocity for sphere in spheres]).reshape(-1, 3)
     return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
-
-
-def spheres_of(spheres: Sequence[Obstacle], until: float) -> compiled.Spheres:
-    """Return spheres, with their motion until a time [s] after the plan's first point."""
-    return _spheres_of(tuple(spheres), until)
-
-
-@lru_cache(maxsize=8)
-def _spheres_of(spheres: tuple[Obstacle, ...], until: float) -> compiled.Spheres:
-    attached = []
-    for body in {id(sphere.body): sphere.body for sphere in spheres if sphere.body}.values():
-        fixed = [k for k, sphere in enumerate(spheres) if sphere.body is body]
-        begins, series = body.attitude_series(until)
-        attached.append(
-            compiled.Attached(
-                fixed,
-                np.array([spheres[k].motion.lever for k in fixed]),
-                body.position,
-                body.linear_velocity,
-                begins,
-                series,
-                body.fastest_turn,
-            )
-        )
-    return compiled.Spheres(*sphere_arrays(spheres), attached)

@@ -5,7 +5,6 @@
 
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
-#include "bindings/obstacles.hpp"
 #include "program/distance_requirements.hpp"
 #include "program/goal_requirements.hpp"
 #include "program/load_requirements.hpp"
@@ -37,11 +36,6 @@ template <>
 struct Given<Base> {
   using Type = std::string;
 };
-template <>
-struct Given<std::shared_ptr<const std::vector<Sphere>>> {
-  using Type = std::shared_ptr<Spheres>;
-};
-
 // These throw ValueError of Python where it is not as expected.
 void take(double& to, double given, const char* name) { to = checked(given, name); }
 void take(int& to, int given, const char* name) {
@@ -55,14 +49,6 @@ void take(Vector3& to, const Array& given, const char* name) { to = vector3(give
 void take(Matrix3& to, const Array& given, const char* name) { to = matrix3(given, name); }
 void take(Vector6& to, const std::vector<int>& given, const char*) { to = ones_at(given); }
 void take(Base& to, const std::string& given, const char*) { to = base_named(given); }
-template <typename Held>
-auto all_of(const std::shared_ptr<Held>& held) {
-  return std::shared_ptr<const std::remove_reference_t<decltype(held->all)>>(held, &held->all);
-}
-void take(std::shared_ptr<const std::vector<Sphere>>& to, const std::shared_ptr<Spheres>& given,
-          const char*) {
-  to = all_of(given);
-}
 template <typename T>
 void take(T& to, const T& given, const char*) {  // a flag, or checked when it was made
   to = given;
@@ -96,11 +82,6 @@ Wheels wheels(const Array& shares, const Array& stored) {
 
 using Contacts = std::optional<std::shared_ptr<AllowedContacts>>;
 
-Margins margins(double margin, const Array& room, double little, double gained) {
-  return {checked(margin, "margin"), values(room, "room", {kAny}), checked(little, "little"),
-          checked(gained, "gained")};
-}
-
 // How many there are is known where they are used.
 std::vector<int> pairs_of(const Numbers& pairs) {
   require_shape(pairs, "pairs", {kAny});
@@ -108,13 +89,6 @@ std::vector<int> pairs_of(const Numbers& pairs) {
     if (pairs.at(i) < 0 || pairs.at(i) > std::numeric_limits<int>::max())
       throw std::invalid_argument("pairs has " + std::to_string(pairs.at(i)) + ", which is none");
   return {pairs.data(), pairs.data() + pairs.size()};
-}
-
-void require_among(const std::vector<int>& pairs, size_t count) {
-  for (const int pair : pairs)
-    if (static_cast<size_t>(pair) >= count)
-      throw std::invalid_argument("pairs has " + std::to_string(pair) + ", and there are " +
-                                  std::to_string(count));
 }
 
 AllowedContacts::AtStart contacts_at_start(const Numbers& pairs, const Array& places,
@@ -127,59 +101,44 @@ AllowedContacts allowed_contacts(const Numbers& pairs, const Array& goal, double
   return {pairs_of(pairs), rows(goal, "goal", {kAny, 3}), checked(distance, "distance"), at_start};
 }
 
-BodiesWithContacts with_contacts(const std::shared_ptr<Bodies>& bodies, const Contacts& allowed,
-                                 size_t pairs) {
-  if (!allowed) return {bodies, nullptr};
-  require_among((*allowed)->pairs, pairs);
-  for (const AllowedContacts::AtStart& of : (*allowed)->at_start) require_among(of.pairs, pairs);
-  return {bodies, *allowed};
-}
-
-template <typename Kept>
-std::shared_ptr<Kept> bodies_clear(const std::shared_ptr<Bodies>& bodies, size_t obstacles,
-                                   const Margins& margins, const Array& times, double interest,
-                                   bool quarter_way, const Contacts& allowed) {
-  const size_t pairs = bodies->bodies.size() * obstacles;
-  if (static_cast<size_t>(margins.room.size()) != pairs)
-    throw std::invalid_argument("room has " + std::to_string(margins.room.size()) +
-                                " numbers, and there are " + std::to_string(pairs) + " pairs");
-  const auto made = std::make_shared<Kept>();
-  made->margins = margins;
-  made->times = values(times, "times", {kAny});
+// Sets what distances of so many pairs have in common.
+Requirement apart(const std::shared_ptr<BodiesApart>& made, const std::shared_ptr<Bodies>& bodies,
+                  size_t pairs, double interest, bool quarter_way, const Contacts& allowed) {
+  made->bodies = bodies;
   made->interest = checked(interest, "interest");
   made->quarter_way = quarter_way;
-  made->bodies = with_contacts(bodies, allowed, pairs);
+  if (!allowed) return made;
+  const auto require_among = [&](const std::vector<int>& numbers) {
+    for (const int pair : numbers)
+      if (static_cast<size_t>(pair) >= pairs)
+        throw std::invalid_argument("pairs has " + std::to_string(pair) + ", and there are " +
+                                    std::to_string(pairs));
+  };
+  require_among((*allowed)->pairs);
+  for (const AllowedContacts::AtStart& of : (*allowed)->at_start) require_among(of.pairs);
+  made->allowed = *allowed;
   return made;
 }
 
-Requirement clear_of_spheres(const std::shared_ptr<Bodies>& bodies,
-                             const std::shared_ptr<Spheres>& spheres, const Margins& margins,
-                             const Array& times, double interest, bool quarter_way,
-                             const Contacts& allowed) {
-  const auto made = bodies_clear<BodiesClearOfSpheres>(bodies, spheres->all.size(), margins, times,
-                                                       interest, quarter_way, allowed);
-  made->spheres = all_of(spheres);
-  return made;
-}
-
-Requirement clear_of_obstacles(const std::shared_ptr<Bodies>& bodies,
-                               const std::shared_ptr<Obstacles>& obstacles, const Margins& margins,
-                               const Array& times, double interest, bool quarter_way,
-                               const Contacts& allowed) {
-  const auto made = bodies_clear<BodiesClearOfObstacles>(bodies, obstacles->all.size(), margins,
-                                                         times, interest, quarter_way, allowed);
-  made->obstacles = all_of(obstacles);
-  return made;
+Requirement bodies_clear(const std::shared_ptr<Bodies>& bodies,
+                         const std::shared_ptr<Obstacles>& obstacles, double margin,
+                         const Array& room, const Array& times, double interest, bool quarter_way,
+                         const Contacts& allowed) {
+  const size_t pairs = bodies->bodies.size() * obstacles->size();
+  const auto made = std::make_shared<BodiesClear>();
+  made->obstacles = obstacles;
+  made->margins = {checked(margin, "margin"),
+                   values(room, "room", {static_cast<py::ssize_t>(pairs)})};
+  made->times = values(times, "times", {kAny});
+  return apart(made, bodies, pairs, interest, quarter_way, allowed);
 }
 
 Requirement pairs_apart(const std::shared_ptr<Bodies>& bodies, const Array& margins,
                         double interest, bool quarter_way, const Contacts& allowed) {
+  const size_t pairs = bodies->pairs.size();
   const auto made = std::make_shared<PairsApart>();
-  made->bodies = with_contacts(bodies, allowed, bodies->pairs.size());
-  made->margins = values(margins, "margins", {static_cast<py::ssize_t>(bodies->pairs.size())});
-  made->interest = checked(interest, "interest");
-  made->quarter_way = quarter_way;
-  return made;
+  made->margins = values(margins, "margins", {static_cast<py::ssize_t>(pairs)});
+  return apart(made, bodies, pairs, interest, quarter_way, allowed);
 }
 
 GraspSeen grasp_seen(const Array& positions, const Array& rotations, const Array& counts,
@@ -236,25 +195,14 @@ void bind_requirements(py::module_& m) {
       Field{"momenta", &WheelsWithin::momenta}, Field{"torques", &WheelsWithin::torques},
       Field{"excess", &WheelsWithin::excess}, Field{"margin", &LoadsWithin::margin},
       Field{"interest", &LoadsWithin::interest}, Field{"between", &WheelsWithin::between});
-  py::class_<Margins>(m, "Margins")
-      .def(py::init(&margins), py::arg("margin"), py::arg("room"), py::arg("little"),
-           py::arg("gained"));
   py::class_<AllowedContacts::AtStart>(m, "ContactsAtStart")
       .def(py::init(&contacts_at_start), py::arg("pairs"), py::arg("places"),
            py::arg("seen_from_base"));
   py::class_<AllowedContacts, Contacts::value_type>(m, "AllowedContacts")
       .def(py::init(&allowed_contacts), py::arg("pairs"), py::arg("goal"), py::arg("distance"),
            py::arg("at_start"));
-  required<LinesClearOfSpheres>(
-      m, "lines_clear_of_spheres", Field{"spheres", &LinesClearOfSpheres::spheres},
-      Field{"margins", &DistancesKept::margins}, Field{"times", &DistancesKept::times},
-      Field{"interest", &DistancesKept::interest},
-      Field{"quarter_way", &DistancesKept::quarter_way});
-  m.def("bodies_clear_of_spheres", &clear_of_spheres, py::arg("bodies"), py::arg("spheres"),
-        py::arg("margins"), py::arg("times"), py::arg("interest"), py::arg("quarter_way"),
-        py::arg("allowed"));
-  m.def("bodies_clear_of_obstacles", &clear_of_obstacles, py::arg("bodies"), py::arg("obstacles"),
-        py::arg("margins"), py::arg("times"), py::arg("interest"), py::arg("quarter_way"),
+  m.def("bodies_clear", &bodies_clear, py::arg("bodies"), py::arg("obstacles"), py::arg("margin"),
+        py::arg("room"), py::arg("times"), py::arg("interest"), py::arg("quarter_way"),
         py::arg("allowed"));
   m.def("pairs_apart", &pairs_apart, py::arg("bodies"), py::arg("margins"), py::arg("interest"),
         py::arg("quarter_way"), py::arg("allowed"));

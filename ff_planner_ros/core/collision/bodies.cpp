@@ -1,11 +1,14 @@
 #include "collision/bodies.hpp"
 
+#include <algorithm>
+#include <functional>
+
 #include "kinematics/deadline.hpp"
 
 namespace ff {
 
 PlacedBodies::PlacedBodies(const Chain& chain, const Bodies& of, const Joints& joints)
-    : origins(3, chain.joints()), axes(3, chain.joints()), slides(3, chain.joints()) {
+    : of(of), origins(3, chain.joints()), axes(3, chain.joints()), slides(3, chain.joints()) {
   std::array<Pose, kMaxJoints + 1> links;
   links[0] = {Vector3::Zero(), Matrix3::Identity()};
   for (int k = 0; k < chain.joints(); ++k) {
@@ -15,13 +18,25 @@ PlacedBodies::PlacedBodies(const Chain& chain, const Bodies& of, const Joints& j
     slides.col(k) = links[k + 1].rotation * chain.slides[k];
     links[k + 1] = chain.moved(links[k + 1], k, joints[k]);
   }
-  solids.reserve(of.bodies.size());
+  poses.reserve(of.bodies.size());
   centers.reserve(of.bodies.size());
   for (const Body& body : of.bodies) {
     const Pose& link = links[body.carriers];
-    solids.push_back(link * body.placement);
+    poses.push_back(link * body.placement);
     centers.push_back(link.position + link.rotation * body.center);
   }
+  if (std::any_of(of.bodies.begin(), of.bodies.end(), std::mem_fn(&Body::stretches)))
+    for (size_t number = 0; number < of.bodies.size(); ++number) {
+      const Body& body = of.bodies[number];
+      lines_.push_back(body.solid);
+      if (!body.stretches()) continue;
+      const Pose& link = links[body.carriers];
+      const Vector3 end = 2 * body.center + joints[body.carriers] * body.slide;
+      const auto turned = Eigen::Quaterniond::FromTwoVectors(Vector3::UnitZ(), end);
+      lines_.back().sizes[1] = end.norm() / 2;
+      centers[number] = link * (end / 2);
+      poses[number] = {centers[number], link.rotation * turned.toRotationMatrix()};
+    }
   tip = (links[chain.joints()] * chain.tip).position;
 }
 
@@ -30,10 +45,18 @@ double PlacedBodies::along(const Gap& found, int k) const {
   return found.normal.dot(moved);
 }
 
-Velocity PlacedBodies::gradient(const Gap& found, int carriers) const {
-  Velocity by_q(6 + carriers);
+Velocity PlacedBodies::gradient(const Gap& found, int body) const {
+  const int carriers = of.bodies[body].carriers;
+  const bool stretches = of.bodies[body].stretches();
+  Velocity by_q(6 + carriers + stretches);
   by_q.head<6>() = -stack(found.normal, found.point.cross(found.normal));
   for (int k = 0; k < carriers; ++k) by_q[6 + k] = -along(found, k);
+  if (!stretches) return by_q;
+  // A place on a line moves by that part of the way of its end.
+  const double half_length = solid(body).sizes[1];
+  const double from_center = poses[body].rotation.col(2).dot(found.point - centers[body]);
+  const double part = std::clamp(from_center / std::max(half_length, kNoDirection), -1.0, 1.0);
+  by_q[6 + carriers] = -(1 + part) / 2 * found.normal.dot(slides.col(carriers));
   return by_q;
 }
 
@@ -54,13 +77,21 @@ BodiesAlong::BodiesAlong(const Chain& chain, const Bodies& of, DensePath along)
   }
 }
 
+Eigen::Map<Eigen::RowVectorXd> DistanceRows::add(double distance, long long name,
+                                                 Eigen::Index columns) {
+  distances.push_back(distance);
+  names.push_back(name);
+  jacobian.resize(jacobian.size() + columns, 0.);
+  return {jacobian.data() + jacobian.size() - columns, columns};
+}
+
 bool counts(double distance, double interest) {
   if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
   return distance < interest;
 }
 
-ClearanceRows pair_rows(const BodiesAlong& along, double interest) {
-  ClearanceRows rows;
+DistanceRows pair_rows(const BodiesAlong& along, double interest) {
+  DistanceRows rows;
   const Bodies& of = along.of;
   const int pairs = static_cast<int>(of.pairs.size());
   std::vector<Simplex> known(of.pairs.size());
@@ -73,8 +104,8 @@ ClearanceRows pair_rows(const BodiesAlong& along, double interest) {
       const Body &first = of.bodies[a], &second = of.bodies[b];
       const double around = first.radius + second.radius + interest;
       if ((placed.centers[a] - placed.centers[b]).squaredNorm() >= around * around) continue;
-      const Gap found = gap(first.solid, placed.solids[a], second.solid, placed.solids[b],
-                            known[number], interest);
+      const Gap found =
+          gap(first.solid, placed.poses[a], second.solid, placed.poses[b], known[number], interest);
       const long long name = static_cast<long long>(i) * pairs + number;
       if (!counts(found.distance, interest)) continue;
       if (by_x.size() == 0) by_x = along.path.derivatives(i);
@@ -84,56 +115,6 @@ ClearanceRows pair_rows(const BodiesAlong& along, double interest) {
            k < std::max(first.carriers, second.carriers); ++k)
         row += sign * placed.along(found, k) * by_x.row(6 + k);
     }
-  }
-  return rows;
-}
-
-ClearanceRows sphere_rows(const BodiesAlong& along, const Times& times,
-                          const std::vector<Sphere>& spheres, double interest) {
-  ClearanceRows rows;
-  const Bodies& of = along.of;
-  const int bodies = static_cast<int>(of.bodies.size());
-  std::vector<std::vector<int>> near(bodies);
-  std::vector<bool> is_near(spheres.size(), false);  // any of the bodies
-  for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
-    const Eigen::AlignedBox3d way = spheres[sphere].way(times.at);
-    for (int body = 0; body < bodies; ++body)
-      if (apart(along.ways[body], way) <
-          of.bodies[body].radius + spheres[sphere].radius + interest) {
-        near[body].push_back(static_cast<int>(sphere));
-        is_near[sphere] = true;
-      }
-  }
-  std::vector<Vector3> centers(spheres.size());
-  for (size_t i = 0; i < along.placed.size(); ++i) {
-    Deadline::require();
-    const PlacedBodies& placed = along.placed[i];
-    const Matrix3 to_base = along.at[i].attitude.toRotationMatrix().transpose();
-    RowMajor by_x;
-    for (size_t sphere = 0; sphere < spheres.size(); ++sphere)
-      if (is_near[sphere])
-        centers[sphere] = to_base * (spheres[sphere].center_at(times.at[i]) - along.at[i].position);
-    for (int body = 0; body < bodies; ++body)
-      for (const int sphere : near[body]) {
-        const Body& solid = of.bodies[body];
-        const Vector3& center = centers[sphere];
-        const double around = solid.radius + spheres[sphere].radius + interest;
-        if ((placed.centers[body] - center).squaredNorm() >= around * around) continue;
-        const Gap found = gap(solid.solid, placed.solids[body], center);
-        const double distance = found.distance - spheres[sphere].radius;
-        const long long name =
-            (static_cast<long long>(i) * bodies + body) * static_cast<long long>(spheres.size()) +
-            sphere;
-        if (!counts(distance, interest)) continue;
-        if (by_x.size() == 0) by_x = along.path.derivatives(i);
-        auto row = rows.add(distance, name, by_x.cols());
-        const Velocity by_q = placed.gradient(found, solid.carriers);
-        row.noalias() = by_q.transpose() * by_x.topRows(by_q.size());
-        if (times.by_last.size() > 0)
-          row[row.size() - 1] +=
-              times.by_last[i] *
-              found.normal.dot(to_base * spheres[sphere].velocity_at(times.at[i]));
-      }
   }
   return rows;
 }

@@ -1,11 +1,11 @@
-// Distances of a robot's bodies from each other and from spheres, with their derivatives: those
-// that are near enough to be of interest. All of it as the chaser sees it.
+// Distances of a robot's bodies from each other, with their derivatives: those that are near enough
+// to be of interest. All of it as the chaser sees it.
 #pragma once
 #include <array>
 #include <utility>
 #include <vector>
 
-#include "collision/clearance.hpp"
+#include "collision/path.hpp"
 #include "collision/solids.hpp"
 
 namespace ff {
@@ -16,6 +16,10 @@ struct Body {
   Vector3 center;  // likewise, of a sphere around it
   double radius;   // of that sphere
   Solid solid;
+  // A line from that frame to where the next joint slides: how its end moves with that joint.
+  Vector3 slide = Vector3::Zero();
+
+  bool stretches() const { return !slide.isZero(0); }
 };
 
 struct Bodies {
@@ -23,21 +27,38 @@ struct Bodies {
   std::vector<std::pair<int, int>> pairs;  // that must not touch
 };
 
+// Distances that are of interest, with their derivatives by a path's variables.
+struct DistanceRows {
+  std::vector<double> distances, jacobian;  // negative inside; a row a distance
+  std::vector<long long> names;             // by configuration, then pair
+
+  // Adds one; returns its derivatives, which are zero so far.
+  Eigen::Map<Eigen::RowVectorXd> add(double distance, long long name, Eigen::Index columns);
+};
+
 // Where joints and bodies are at some joint angles.
 struct PlacedBodies {
+  const Bodies& of;
   Matrix3J origins, axes, slides;  // of the joints
-  std::vector<Pose> solids;
+  std::vector<Pose> poses;         // of the bodies; likewise centres
   std::vector<Vector3> centers;
   Vector3 tip;  // of the end effector
 
   PlacedBodies(const Chain& chain, const Bodies& of, const Joints& joints);
 
+  const Solid& solid(int body) const {
+    return lines_.empty() ? of.bodies[body].solid : lines_[body];
+  }
+
   // How fast joint k moves what it carries along the normal.
   double along(const Gap& found, int k) const;
 
-  // The derivatives of a carried body's distance from what is no part of the robot, by the tangent
-  // of the configuration. Seen from a chaser that moves, that moves the other way.
-  Velocity gradient(const Gap& found, int carriers) const;
+  // The derivatives of a body's distance from what is no part of the robot, by the tangent of the
+  // configuration. Seen from a chaser that moves, that moves the other way.
+  Velocity gradient(const Gap& found, int body) const;
+
+ private:
+  std::vector<Solid> lines_;  // of all bodies, if some of them stretch
 };
 
 // How far two boxes are apart. Eigen's own function branches at every axis, unpredictably.
@@ -61,10 +82,6 @@ struct BodiesAlong {
 bool counts(double distance, double interest);
 
 // Named by configuration, then pair. Only the joints between two bodies move one against the other.
-ClearanceRows pair_rows(const BodiesAlong& along, double interest);
-
-// Named by configuration, body, then sphere.
-ClearanceRows sphere_rows(const BodiesAlong& along, const Times& times,
-                          const std::vector<Sphere>& spheres, double interest);
+DistanceRows pair_rows(const BodiesAlong& along, double interest);
 
 }  // namespace ff

@@ -21,13 +21,22 @@ Vector3 Obstacle::velocity_at(const Vector3& point, double time) const {
 }
 
 double bound(const Vector3& center, double radius, const Obstacle& obstacle, const Pose& there) {
+  const Solid& solid = obstacle.solid;
+  if (solid.is_sphere()) return (center - there.position).norm() - solid.radius() - radius;
   const double around = (center - there * obstacle.center).norm() - obstacle.radius;
-  const bool closed = obstacle.solid.kind < Solid::kHull;
-  return (closed ? std::max(around, gap(obstacle.solid, there, center).distance) : around) - radius;
+  const bool closed = solid.kind < Solid::kHull;
+  return (closed ? std::max(around, gap(solid, there, center).distance) : around) - radius;
 }
 
-ObstaclesAt::ObstaclesAt(const std::vector<Obstacle>& obstacles, const Values& times)
-    : times_(times) {
+Gap gap(const Solid& solid, const Pose& at, const Obstacle& obstacle, const Pose& there,
+        Simplex& known, double enough) {
+  if (!obstacle.solid.is_sphere()) return gap(solid, at, obstacle.solid, there, known, enough);
+  Gap found = gap(solid, at, there.position);
+  found.distance -= obstacle.solid.radius();
+  return found;
+}
+
+ObstaclesAt::ObstaclesAt(const Obstacles& obstacles, const Values& times) : times_(times) {
   for (const Obstacle& obstacle : obstacles) {
     if (!obstacle.body) continue;
     std::vector<Pose>& poses = of_bodies_[obstacle.body.get()];
@@ -51,11 +60,10 @@ Eigen::AlignedBox3d ObstaclesAt::way(const Obstacle& obstacle) const {
   return box;
 }
 
-ClearanceRows obstacle_rows(const BodiesAlong& along, const Times& times,
-                            const std::vector<Obstacle>& obstacles, double interest) {
-  const Bodies& of = along.of;
-  const auto count = static_cast<long long>(of.bodies.size() * obstacles.size());
-  const int bodies = static_cast<int>(of.bodies.size());
+DistanceRows obstacle_rows(const BodiesAlong& along, const Times& times, const Obstacles& obstacles,
+                           double interest) {
+  const int bodies = static_cast<int>(along.of.bodies.size());
+  const auto others = static_cast<long long>(obstacles.size()), count = bodies * others;
   const ObstaclesAt obstacles_at(obstacles, times.at);
   // What is never near costs nothing: of an obstacle, the bodies that come into its sphere, or, if
   // it rests, near what the box around their way is from it.
@@ -69,45 +77,46 @@ ClearanceRows obstacle_rows(const BodiesAlong& along, const Times& times,
     const Eigen::AlignedBox3d way = obstacles_at.way(obstacle);
     for (int body = 0; body < bodies; ++body) {
       const Eigen::AlignedBox3d& moved = along.ways[body];
-      const double around = of.bodies[body].radius + interest;
+      const double around = along.of.bodies[body].radius + interest;
       if (apart(moved, way) >= around + obstacle.radius) continue;
-      if (obstacle.rests() &&
+      if (obstacle.rests() && !obstacle.solid.is_sphere() &&
           bound(moved.center(), moved.diagonal().norm() / 2, obstacle, obstacle.begin) >= around)
         continue;
       near.push_back({body, static_cast<int>(number), {}});
     }
   }
+  // Spheres are many, and those near one body come in turn; others have poses that bodies share.
+  const auto turn = [&](const Near& pair) {
+    return obstacles[pair.obstacle].solid.is_sphere() ? pair.body : bodies;
+  };
+  std::stable_sort(near.begin(), near.end(),
+                   [&](const Near& a, const Near& b) { return turn(a) < turn(b); });
   const auto rows_of = [&](size_t first, size_t last) {
-    ClearanceRows rows;
+    DistanceRows rows;
     for (size_t i = 0; i < along.placed.size(); ++i) {
       Deadline::require();
       const PlacedBodies& placed = along.placed[i];
-      const Pose here{along.at[i].position, along.at[i].attitude.toRotationMatrix()};
-      const Pose to_base = here.inverse();
+      const View view(along.at[i]);
       RowMajor by_x;
       Pose there;
       for (size_t number = first; number < last; ++number) {
         Near& pair = near[number];
-        const Body& solid = of.bodies[pair.body];
         const Obstacle& obstacle = obstacles[pair.obstacle];
         if (number == first || pair.obstacle != near[number - 1].obstacle)
-          there = to_base * obstacles_at.pose(obstacle, i);
-        if (bound(placed.centers[pair.body], solid.radius, obstacle, there) >= interest) continue;
-        const Gap found =
-            gap(solid.solid, placed.solids[pair.body], obstacle.solid, there, pair.known, interest);
-        const long long name =
-            static_cast<long long>(i) * count +
-            static_cast<long long>(pair.body) * static_cast<long long>(obstacles.size()) +
-            pair.obstacle;
+          there = view.of(obstacle, obstacles_at.pose(obstacle, i));
+        const double radius = along.of.bodies[pair.body].radius;
+        if (bound(placed.centers[pair.body], radius, obstacle, there) >= interest) continue;
+        const Gap found = gap(placed.solid(pair.body), placed.poses[pair.body], obstacle, there,
+                              pair.known, interest);
         if (!counts(found.distance, interest)) continue;
         if (by_x.size() == 0) by_x = along.path.derivatives(i);
+        const long long name = i * count + pair.body * others + pair.obstacle;
         auto row = rows.add(found.distance, name, by_x.cols());
-        const Velocity by_q = placed.gradient(found, solid.carriers);
+        const Velocity by_q = placed.gradient(found, pair.body);
         row.noalias() = by_q.transpose() * by_x.topRows(by_q.size());
-        if (times.by_last.size() > 0)
-          row[row.size() - 1] +=
-              times.by_last[i] * (here.rotation * found.normal)
-                                     .dot(obstacle.velocity_at(here * found.point, times.at[i]));
+        if (times.by_last.size() == 0) continue;
+        const Vector3 moved = obstacle.velocity_at(view.base * found.point, times.at[i]);
+        row[row.size() - 1] += times.by_last[i] * found.normal.dot(view.to_base.rotation * moved);
       }
     }
     return rows;

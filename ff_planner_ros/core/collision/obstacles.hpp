@@ -2,9 +2,11 @@
 // uniformly and turn at a constant rate, or are fixed to a body that turns freely.
 #pragma once
 #include <map>
+#include <memory>
 
 #include "collision/bodies.hpp"
 #include "collision/threads.hpp"
+#include "collision/tumbling_body.hpp"
 
 namespace ff {
 
@@ -14,7 +16,6 @@ struct Obstacle {
   double radius;   // of that sphere
   Pose begin;      // when the plan begins; or, where it is fixed to a body, in that
   Vector3 velocity, rate;
-  double highest_speed;                      // that no point of it ever exceeds [m/s]
   std::shared_ptr<const TumblingBody> body;  // none: it moves uniformly
 
   bool turns() const { return body || !rate.isZero(0); }
@@ -25,14 +26,34 @@ struct Obstacle {
   Vector3 velocity_at(const Vector3& point, double time) const;
 };
 
+// A type of its own: Python holds it, and it is not copied with every question.
+struct Obstacles : std::vector<Obstacle> {};
+
+// How a robot's base sees what is around it.
+struct View {
+  Pose base, to_base;
+
+  explicit View(const Configuration& q)
+      : base{q.position, q.attitude.toRotationMatrix()}, to_base(base.inverse()) {}
+  // Of spheres the place alone counts.
+  Pose of(const Obstacle& obstacle, const Pose& there) const {
+    if (!obstacle.solid.is_sphere()) return to_base * there;
+    return {to_base.rotation * (there.position - base.position), there.rotation};
+  }
+};
+
 // A bound of how far a body is from an obstacle, by a sphere around the body, both seen from one
 // frame; where that has no closed form, by the sphere around the obstacle, too.
 double bound(const Vector3& center, double radius, const Obstacle& obstacle, const Pose& there);
 
+// How far a solid is from an obstacle; `known` and `enough` are those of `gap`.
+Gap gap(const Solid& solid, const Pose& at, const Obstacle& obstacle, const Pose& there,
+        Simplex& known, double enough = std::numeric_limits<double>::infinity());
+
 // Where obstacles are at some times; what is fixed to one body shares its poses.
 class ObstaclesAt {
  public:
-  ObstaclesAt(const std::vector<Obstacle>& obstacles, const Values& times);
+  ObstaclesAt(const Obstacles& obstacles, const Values& times);
   Pose pose(const Obstacle& obstacle, Eigen::Index i) const;
   // The box around the centre of an obstacle at all times.
   Eigen::AlignedBox3d way(const Obstacle& obstacle) const;
@@ -42,8 +63,8 @@ class ObstaclesAt {
   std::map<const TumblingBody*, std::vector<Pose>> of_bodies_;
 };
 
-// As `sphere_rows`; names: configuration, body, then obstacle.
-ClearanceRows obstacle_rows(const BodiesAlong& along, const Times& times,
-                            const std::vector<Obstacle>& obstacles, double interest);
+// As `pair_rows`; a pair is body times obstacles plus obstacle.
+DistanceRows obstacle_rows(const BodiesAlong& along, const Times& times, const Obstacles& obstacles,
+                           double interest);
 
 }  // namespace ff

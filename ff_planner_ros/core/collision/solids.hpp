@@ -28,6 +28,9 @@ struct Solid {
   // The solid is what is within this distance of its core.
   double radius() const { return (kind == kRound ? sizes[0] : 0) + grown; }
 
+  // A sphere around the origin of its frame.
+  bool is_sphere() const { return kind == kRound && sizes[1] == 0; }
+
   // The point of the core that is furthest in a direction.
   Vector3 support(const Vector3& direction) const;
 };

@@ -10,10 +10,10 @@ size_t usable_cores() {
   return 1;
 }
 
-ClearanceRows joined(const std::vector<ClearanceRows>& parts, long long count) {
-  ClearanceRows all;
-  std::vector<std::pair<const ClearanceRows*, size_t>> rows;  // a part, and a number in it
-  for (const ClearanceRows& part : parts)
+DistanceRows joined(const std::vector<DistanceRows>& parts, long long count) {
+  DistanceRows all;
+  std::vector<std::pair<const DistanceRows*, size_t>> rows;  // a part, and a number in it
+  for (const DistanceRows& part : parts)
     for (size_t number = 0; number < part.names.size(); ++number) rows.emplace_back(&part, number);
   std::stable_sort(rows.begin(), rows.end(), [&](const auto& a, const auto& b) {
     return a.first->names[a.second] / count < b.first->names[b.second] / count;

@@ -23,13 +23,13 @@ size_t usable_cores();
 
 // Rows of several parts in order of the configurations, then of the parts; count: of the names of a
 // configuration.
-ClearanceRows joined(const std::vector<ClearanceRows>& parts, long long count);
+DistanceRows joined(const std::vector<DistanceRows>& parts, long long count);
 
 // What `rows_of(first, last)` finds for pairs of bodies by their numbers, each at all
 // configurations: the same for any number of threads. It must write nothing that pairs share.
 template <typename RowsOf>
-ClearanceRows rows_in_threads(size_t pairs, size_t configurations, long long count,
-                              const RowsOf& rows_of) {
+DistanceRows rows_in_threads(size_t pairs, size_t configurations, long long count,
+                             const RowsOf& rows_of) {
   const size_t wanted = pairs * configurations / kPairsOfAThread;
   const size_t threads = wanted < 2 ? 1 : std::min({wanted, kMostThreads, usable_cores(), pairs});
   if (threads == 1) return rows_of(0, pairs);
@@ -40,12 +40,12 @@ ClearanceRows rows_in_threads(size_t pairs, size_t configurations, long long cou
   };
   // Where the system has no more threads, this one does their parts, too.
   const auto policy = std::launch::async | std::launch::deferred;
-  std::vector<std::future<ClearanceRows>> others;
+  std::vector<std::future<DistanceRows>> others;
   for (size_t part = 1; part < threads; ++part)
     others.push_back(
         std::async(policy, part_of, part * pairs / threads, (part + 1) * pairs / threads));
-  std::vector<ClearanceRows> parts{rows_of(0, pairs / threads)};
-  for (std::future<ClearanceRows>& other : others) parts.push_back(other.get());
+  std::vector<DistanceRows> parts{rows_of(0, pairs / threads)};
+  for (std::future<DistanceRows>& other : others) parts.push_back(other.get());
   return joined(parts, count);
 }
 

@@ -19,16 +19,6 @@ Arm::Arm(const Chain& chain, const Configuration& q)
   points.col(chain.joints()) = (at * chain.tip).position;
 }
 
-Velocity Arm::gradient(int k, double fraction, const Vector3& direction) const {
-  const Vector3 place = (1 - fraction) * points.col(k) + fraction * points.col(k + 1);
-  const int joints = static_cast<int>(axes.cols());
-  Velocity by_q(6 + std::min(k + 2, joints));
-  by_q.head(7 + k) = gradient_of_carried(k + 1, place, direction);
-  // Where the next joint slides, the segment's end alone moves with it.
-  if (k + 1 < joints) by_q[7 + k] = fraction * slides.col(k + 1).dot(direction);
-  return by_q;
-}
-
 Velocity Arm::gradient_of_carried(int count, const Vector3& place, const Vector3& direction) const {
   Velocity by_q(6 + count);
   by_q.head<3>() = base_to_inertial.transpose() * direction;

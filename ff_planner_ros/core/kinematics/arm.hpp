@@ -16,11 +16,8 @@ struct Arm {
 
   Arm(const Chain& chain, const Configuration& q);
 
-  // Derivative, along a direction, of the place a fraction of the way from point k to the next: by
-  // a step of the base in its own axes, and by the joints that move it.
-  Velocity gradient(int k, double fraction, const Vector3& direction) const;
-
-  // The same of a place that the first joints, so many, carry along.
+  // Derivative, along a direction, of a place that the first joints, so many, carry along: by a
+  // step of the base in its own axes, and by the joints.
   Velocity gradient_of_carried(int count, const Vector3& place, const Vector3& direction) const;
 
   // Writes d points along steps dq, a column each: rows 3 k to 3 k + 2 are of point k.

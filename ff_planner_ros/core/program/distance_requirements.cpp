@@ -2,19 +2,27 @@
 
 namespace ff {
 
-void Margins::subtract_from(std::vector<double>& distances, const std::vector<long long>& names,
-                            const Eigen::VectorXd& times) const {
+namespace {
+
+// A room below this fraction of the margin grows, and has grown in this fraction of the duration.
+constexpr double kLittle = 0.5, kGained = 0.25;
+
+ConstraintRows taken(DistanceRows& rows) {
+  return {std::move(rows.distances), std::move(rows.jacobian), std::move(rows.names)};
+}
+
+}  // namespace
+
+void Margins::subtract_from(DistanceRows& rows, const Eigen::VectorXd& times) const {
   const long long pairs = room.size();
-  const double until = gained * times.maxCoeff();
-  for (size_t row = 0; row < distances.size(); ++row) {
-    double least = room[names[row] % pairs];
-    if (least < little * margin) {
-      const long long at = names[row] / pairs;
-      if (at >= times.size()) throw std::domain_error("there are more pairs than at the start");
-      const double part = std::min(times[at] / until, 1.0);
+  const double until = kGained * times.maxCoeff();
+  for (size_t row = 0; row < rows.distances.size(); ++row) {
+    double least = room[rows.names[row] % pairs];
+    if (least < kLittle * margin) {
+      const double part = std::min(times[rows.names[row] / pairs] / until, 1.0);
       least += margin * (part * part * part);
     }
-    distances[row] -= std::min(margin, least);
+    rows.distances[row] -= std::min(margin, least);
   }
 }
 
@@ -24,8 +32,8 @@ void AllowedContacts::require_fits(Eigen::Index configurations) const {
   if (!fits) throw std::invalid_argument("allowed contacts are those of another number of points");
 }
 
-ClearanceRows AllowedContacts::without(ClearanceRows rows, const BodiesAlong& along,
-                                       Eigen::Index count) const {
+DistanceRows AllowedContacts::without(DistanceRows rows, const BodiesAlong& along,
+                                      Eigen::Index count) const {
   struct Apart {
     Eigen::Index since, until;  // not at this one any more
   };
@@ -74,82 +82,39 @@ Eigen::Index AllowedContacts::away_from(const AtStart& of, const BodiesAlong& al
   return first;
 }
 
-ConstraintRows taken(ClearanceRows& rows) {
-  return {std::move(rows.distances), std::move(rows.jacobian), std::move(rows.names)};
+void BodiesApart::require_fits(Eigen::Index joints, Eigen::Index points) const {
+  for (const Body& body : bodies->bodies)
+    require(body.carriers + body.stretches() <= joints, "bodies are of another chain");
+  if (allowed) allowed->require_fits(configurations(points));
 }
 
-Eigen::Index configurations(Eigen::Index points, bool quarter_way) {
+Eigen::Index BodiesApart::configurations(Eigen::Index points) const {
   const Eigen::Index gaps = points - 1;
   return 2 * gaps + (quarter_way ? 2 * (gaps - 1) : 0);
 }
 
-void DistancesKept::require_fits(Eigen::Index, Eigen::Index points) const {
-  require(times.size() == configurations(points, quarter_way),
-          "times are those of another number of points");
-}
-
-Eigen::VectorXd DistancesKept::times_by_last(const PathMotion& motion) const {
-  if (!motion.has_duration()) return {};
-  return times / times.maxCoeff();
-}
-
-ConstraintRows DistancesKept::kept(ClearanceRows found) const {
-  margins.subtract_from(found.distances, found.names, times);
-  return taken(found);
-}
-
-void LinesClearOfSpheres::require_fits(Eigen::Index joints, Eigen::Index points) const {
-  DistancesKept::require_fits(joints, points);
-  require(margins.room.size() == joints * static_cast<Eigen::Index>(spheres->size()),
-          "room is that of other lines and spheres");
-}
-
-ConstraintRows LinesClearOfSpheres::rows(const LookedAt& at) const {
-  ArmMotion arm(at.chain, at.path());
-  if (quarter_way) arm.add_quarter_way();
-  const Eigen::VectorXd by_last = times_by_last(at.motion);
-  return kept(clearance_rows(arm, {view(times), view(by_last)}, *spheres, interest));
-}
-
-void BodiesWithContacts::require_fits(Eigen::Index joints, Eigen::Index configurations) const {
-  for (const Body& body : all->bodies)
-    if (body.carriers > joints) throw std::invalid_argument("bodies are of another chain");
-  if (allowed) allowed->require_fits(configurations);
-}
-
-ClearanceRows BodiesWithContacts::without_allowed(ClearanceRows rows, const BodiesAlong& along,
-                                                  Eigen::Index pairs) const {
-  return allowed ? allowed->without(std::move(rows), along, pairs) : rows;
+DistanceRows BodiesApart::apart(DistanceRows rows, const LookedAt& at, Eigen::Index pairs) const {
+  return allowed ? allowed->without(std::move(rows), along(at), pairs) : rows;
 }
 
 void BodiesClear::require_fits(Eigen::Index joints, Eigen::Index points) const {
-  DistancesKept::require_fits(joints, points);
-  bodies.require_fits(joints, times.size());
+  BodiesApart::require_fits(joints, points);
+  require(times.size() == configurations(points), "times are those of another number of points");
 }
 
 ConstraintRows BodiesClear::rows(const LookedAt& at) const {
-  const BodiesAlong& along = at.bodies(*bodies.all, quarter_way);
-  const Eigen::VectorXd by_last = times_by_last(at.motion);
-  ClearanceRows found = measured(along, {view(times), view(by_last)});
-  return kept(bodies.without_allowed(std::move(found), along, margins.room.size()));
-}
-
-ClearanceRows BodiesClearOfSpheres::measured(const BodiesAlong& along, const Times& at) const {
-  return sphere_rows(along, at, *spheres, interest);
-}
-
-ClearanceRows BodiesClearOfObstacles::measured(const BodiesAlong& along, const Times& at) const {
-  return obstacle_rows(along, at, *obstacles, interest);
-}
-
-void PairsApart::require_fits(Eigen::Index joints, Eigen::Index points) const {
-  bodies.require_fits(joints, configurations(points, quarter_way));
+  // The last of the times is the duration, where that is a variable.
+  Eigen::VectorXd by_last;
+  if (at.motion.has_duration()) by_last = times / times.maxCoeff();
+  DistanceRows found = obstacle_rows(along(at), {view(times), view(by_last)}, *obstacles, interest);
+  found = apart(std::move(found), at, margins.room.size());
+  margins.subtract_from(found, times);
+  return taken(found);
 }
 
 ConstraintRows PairsApart::rows(const LookedAt& at) const {
-  const BodiesAlong& along = at.bodies(*bodies.all, quarter_way);
   const Eigen::Index pairs = margins.size();
-  ClearanceRows found = bodies.without_allowed(pair_rows(along, interest), along, pairs);
+  DistanceRows found = apart(pair_rows(along(at), interest), at, pairs);
   for (size_t row = 0; row < found.distances.size(); ++row)
     found.distances[row] -= margins[found.names[row] % pairs];
   return taken(found);

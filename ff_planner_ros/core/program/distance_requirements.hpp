@@ -1,5 +1,4 @@
-// Distances along a path: of lines and bodies from what is in the way, and of bodies from each
-// other.
+// Distances along a path: of bodies from what is in the way, and from each other.
 #pragma once
 #include "collision/obstacles.hpp"
 #include "program/path_requirement.hpp"
@@ -11,12 +10,9 @@ namespace ff {
 struct Margins {
   double margin;         // the largest [m]
   Eigen::VectorXd room;  // of each pair, by its number [m]
-  double little;         // a room below this fraction of the margin grows,
-  double gained;         // and has grown in this fraction of the duration
 
   // names: configuration times the number of pairs, plus pair; times: of the configurations.
-  void subtract_from(std::vector<double>& distances, const std::vector<long long>& names,
-                     const Eigen::VectorXd& times) const;
+  void subtract_from(DistanceRows& rows, const Eigen::VectorXd& times) const;
 };
 
 // What may touch, as a tool that closes on what it grasps, or lets go of it: pairs near the goal,
@@ -39,7 +35,7 @@ struct AllowedContacts {
 
   // Leaves out rows of pairs that may touch; names: configuration times the number of pairs, plus
   // pair.
-  ClearanceRows without(ClearanceRows rows, const BodiesAlong& along, Eigen::Index count) const;
+  DistanceRows without(DistanceRows rows, const BodiesAlong& along, Eigen::Index count) const;
 
  private:
   bool is_away(const Vector3& tip, const RowMajor& places, Eigen::Index i) const;
@@ -51,74 +47,37 @@ struct AllowedContacts {
   Eigen::Index away_from(const AtStart& of, const BodiesAlong& along) const;
 };
 
-ConstraintRows taken(ClearanceRows& rows);
-
-// How many configurations of a path distances are measured at: as `Path` and `DensePath` have them.
-Eigen::Index configurations(Eigen::Index points, bool quarter_way);
-
-// Distances from obstacles that a requirement asks for.
-struct DistancesKept : PathRequirement {
-  Margins margins;
-  Eigen::VectorXd times;  // of the configurations at which they are measured [s]
-  double interest;        // [m]
-  bool quarter_way;       // whether those include quarters of the intervals
-
-  void require_fits(Eigen::Index, Eigen::Index points) const override;
-  // Of the times by the last variable, where that is the duration: the last of the times.
-  Eigen::VectorXd times_by_last(const PathMotion& motion) const;
-  ConstraintRows kept(ClearanceRows found) const;
-};
-
-// Of the arm's centre lines, which have the numbers of joints, from spheres.
-struct LinesClearOfSpheres : DistancesKept {
-  std::shared_ptr<const std::vector<Sphere>> spheres;
-
-  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
-  ConstraintRows rows(const LookedAt& at) const override;
-};
-
 // Bodies of the robot, and what contacts of theirs are allowed.
-struct BodiesWithContacts {
-  std::shared_ptr<const Bodies> all;
+struct BodiesApart : PathRequirement {
+  std::shared_ptr<const Bodies> bodies;
   std::shared_ptr<const AllowedContacts> allowed;  // none: nothing may touch
+  double interest;                                 // [m]
+  bool quarter_way;  // whether distances are measured at quarters of the intervals, too
 
-  void require_fits(Eigen::Index joints, Eigen::Index configurations) const;
-  ClearanceRows without_allowed(ClearanceRows rows, const BodiesAlong& along,
-                                Eigen::Index pairs) const;
+  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
+
+ protected:
+  // How many configurations of a path they are measured at.
+  Eigen::Index configurations(Eigen::Index points) const;
+  const BodiesAlong& along(const LookedAt& at) const { return at.bodies(*bodies, quarter_way); }
+  // Without contacts that are allowed.
+  DistanceRows apart(DistanceRows rows, const LookedAt& at, Eigen::Index pairs) const;
 };
 
-// Of the robot's bodies from spheres, from other obstacles, and from each other.
-struct BodiesClear : DistancesKept {
-  BodiesWithContacts bodies;
+// From obstacles.
+struct BodiesClear : BodiesApart {
+  std::shared_ptr<const Obstacles> obstacles;
+  Margins margins;
+  Eigen::VectorXd times;  // of the configurations, ascending [s]
 
   void require_fits(Eigen::Index joints, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
-
- private:
-  virtual ClearanceRows measured(const BodiesAlong& along, const Times& at) const = 0;
 };
 
-struct BodiesClearOfSpheres : BodiesClear {
-  std::shared_ptr<const std::vector<Sphere>> spheres;
-
- private:
-  ClearanceRows measured(const BodiesAlong& along, const Times& at) const override;
-};
-
-struct BodiesClearOfObstacles : BodiesClear {
-  std::shared_ptr<const std::vector<Obstacle>> obstacles;
-
- private:
-  ClearanceRows measured(const BodiesAlong& along, const Times& at) const override;
-};
-
-struct PairsApart : PathRequirement {
-  BodiesWithContacts bodies;
+// From each other.
+struct PairsApart : BodiesApart {
   Eigen::VectorXd margins;  // of each pair [m]
-  double interest;          // [m]
-  bool quarter_way;
 
-  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 };
 

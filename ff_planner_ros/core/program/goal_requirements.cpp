@@ -42,7 +42,8 @@ ConstraintRows InCorridor::rows(const LookedAt& at) const {
     if (by_cone) by_place = -std::sin(half_angle) * direction - std::cos(half_angle) * seen.outward;
     if (away < distance) by_place -= margin / distance * outward;
     const Vector3 by_point = grasp.counts.cwiseProduct(to_inertial * by_place);
-    const Velocity by_q = arm.gradient(static_cast<int>(joints) - 1, 1, by_point);
+    const Velocity by_q =
+        arm.gradient_of_carried(static_cast<int>(joints), arm.points.col(joints), by_point);
     Eigen::RowVectorXd by_x = by_q.transpose() * path.dq.middleRows(i * size, size);
     if (at.motion.has_duration()) {
       const Vector6 moved = grasp.by_duration(i, *at.motion.goal_by_duration);

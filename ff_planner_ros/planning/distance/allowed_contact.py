@@ -63,7 +63,7 @@ def split_pairs(problem: PlanningProblem) -> Split:
     """Split pairs of bodies; number: index in `robot.pairs`."""
     bodies, allowed = problem.robot.bodies, problem.allowed_collisions
     if not allowed:
-        return _all_apart(len(problem.robot.pairs))
+        return all_apart(len(problem.robot.pairs))
     names = [(bodies[a].link, bodies[b].link) for a, b in problem.robot.pairs]
     may = [f"{a}/{b}" in allowed or f"{b}/{a}" in allowed for a, b in names]
     return _split(may, room_of_pairs(problem) if any(may) else np.empty(0), (None,))
@@ -73,7 +73,7 @@ def split_pairs(problem: PlanningProblem) -> Split:
 def split_spheres(problem: PlanningProblem) -> Split:
     """Split bodies with spheres; number: body times spheres, plus sphere."""
     if not problem.allowed_collisions:
-        return _all_apart(len(problem.robot.bodies) * len(problem.spheres))
+        return all_apart(len(problem.robot.bodies) * len(problem.spheres))
     may = [
         f"{body.link}/{sphere.id}" in problem.allowed_collisions
         for body in problem.robot.bodies
@@ -87,7 +87,7 @@ def split_obstacles(problem: PlanningProblem) -> Split:
     """Split bodies with obstacle bodies; number: body times obstacles, plus obstacle."""
     if not problem.allowed_collisions:
         bodies = with_bodies(problem.robot).bodies
-        return _all_apart(len(bodies) * len(problem.obstacle_bodies))
+        return all_apart(len(bodies) * len(problem.obstacle_bodies))
     may = [
         f"{body.link}/{one.id}" in problem.allowed_collisions
         for body in with_bodies(problem.robot).bodies
@@ -294,7 +294,8 @@ def _stayed(problem: PlanningProblem, obstacle: Obstacle | None, times: Array) -
     return np.asarray(origins[1:] + rotations[1:] @ seen, np.float64)
 
 
-def _all_apart(count: int) -> Split:
+def all_apart(count: int) -> Split:
+    """Return that none of so many pairs may touch."""
     return Split(np.arange(count), np.empty(0, np.intp), ())
 
 
@@ -307,7 +308,7 @@ def _split(may: list[bool], room: Array, obstacles: tuple[Obstacle | None, ...])
     """
     flags = np.array(may, bool)
     if not flags.any():
-        return _all_apart(len(flags))
+        return all_apart(len(flags))
     touches = flags & (room.ravel() < KEPT * LEAST_CLEARANCE)
     number = np.arange(len(flags)) % max(len(obstacles), 1)
     groups = tuple(

@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
-from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import sphere_arrays
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import pair_distances, sphere_distances
@@ -28,9 +27,6 @@ from ff_planner_ros.robot.state import SystemState
 LEAST_CLEARANCE, CLEARANCE_AT_END = 1e-5, 1.2e-5
 # Fraction of the distance at the start that a motion keeps.
 KEPT = 0.5
-# Where the room is less than this fraction of a margin, it grows to the margin in this fraction of
-# the duration.
-_SHORT, _GAINED = 0.5, 0.25
 # Distances that bounding spheres show to be larger are not measured: half of this [m] is the
 # largest margin that a parameter allows.
 _FAR = 2.0
@@ -106,19 +102,6 @@ def _room_of_obstacles(robot: Robot, start: SystemState, obstacles: tuple[Obstac
     poses = seen_from_chaser(q[None], now, obstacles)
     distances[near] = obstacle_distances(robot, placed, poses, obstacles, rows).distance
     return _room(distances)
-
-
-def margins_in_core(margin: float, room: Array) -> compiled.Margins:
-    """Return the margins that distances must keep: no more than the room at the start.
-
-    A much smaller room grows to the margin as the cube of the time, as displacements from rest do:
-    without a margin later on, nothing would keep the arm clear between the points.
-
-    Args:
-        margin: The largest [m].
-        room: Of each pair, by its number [m].
-    """
-    return compiled.Margins(margin, room.ravel(), _SHORT, _GAINED)
 
 
 def _room(distances: Array) -> Array:

@@ -11,7 +11,6 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, spheres_of
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import (
     may_touch,
@@ -39,7 +38,7 @@ from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_app
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import (
-    asked_of_core,
+    obstacles_in_core,
     pairs_in_core,
 )
 from ff_planner_ros.planning.requirements.collisions import (
@@ -92,13 +91,7 @@ class BodyClearance(KeptClear):
     ) -> Sequence[compiled.PathRequirement]:
         """Return what makes the rows in the core."""
         room, split = room_of_bodies(problem), split_spheres(problem)
-        return (
-            compiled.bodies_clear_of_spheres(
-                bodies_of(problem.robot),
-                spheres_of(problem.spheres, problem.duration),
-                *asked_of_core(problem, points, margin, room, split),
-            ),
-        )
+        return (obstacles_in_core(problem, problem.spheres, points, margin, room, split),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""

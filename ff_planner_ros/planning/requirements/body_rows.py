@@ -6,23 +6,22 @@ than `FEW_POINTS` also at a quarter and three quarters of every interval but the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of
+from ff_planner_ros.core.conversions import bodies_of, obstacles_of
 from ff_planner_ros.planning.distance.allowed_contact import (
     Split,
     contacts_in_core,
     split_pairs,
 )
-from ff_planner_ros.planning.distance.start_room import (
-    margins_in_core,
-    room_of_pairs,
-)
-from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.distance.start_room import room_of_pairs
+from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
+from ff_planner_ros.robot.collision.lines import with_bodies
 
 # On fewer points than this a body may jump over a corner of another.
 FEW_POINTS = 40
@@ -55,17 +54,31 @@ def pairs_in_core(problem: PlanningProblem, points: int, margin: float) -> compi
     )
 
 
-def asked_of_core(
-    problem: PlanningProblem, points: int, margin: float, room: Array, split: Split
-) -> tuple[compiled.Margins, Array, float, bool, compiled.AllowedContacts | None]:
-    """Return how the core is asked for distances of bodies from what is not the robot.
+def obstacles_in_core(
+    problem: PlanningProblem,
+    obstacles: Sequence[Obstacle],
+    points: int,
+    margin: float,
+    room: Array,
+    split: Split,
+) -> compiled.PathRequirement:
+    """Return what makes the rows of bodies, or centre lines, and obstacles.
 
-    Margins, times of the configurations, interest, whether those include quarters, and the contacts
-    that are allowed.
+    Args:
+        room: Of each body and obstacle, as of `start_room` [m].
+        split: Of the same pairs.
     """
-    times = np.sort(times_looked_at(problem.duration, points))
-    allowed = contacts_in_core(problem, split, times, _WITHIN)
-    return margins_in_core(margin, room), times, OF_INTEREST, points < FEW_POINTS, allowed
+    robot, times = with_bodies(problem.robot), np.sort(times_looked_at(problem.duration, points))
+    return compiled.bodies_clear(
+        bodies_of(robot),
+        obstacles_of(obstacles, problem.duration),
+        margin,
+        room.ravel(),
+        times,
+        OF_INTEREST,
+        points < FEW_POINTS,
+        contacts_in_core(problem, split, times, _WITHIN),
+    )
 
 
 @lru_cache(maxsize=32)

@@ -14,8 +14,8 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import spheres_of
 from ff_planner_ros.errors import Failure, Status
+from ff_planner_ros.planning.distance.allowed_contact import all_apart
 from ff_planner_ros.planning.distance.certificate import (
     LINES_GAP,
     certificate_gap,
@@ -29,12 +29,11 @@ from ff_planner_ros.planning.distance.clearance import (
     segments,
 )
 from ff_planner_ros.planning.distance.contact import deepest_contact
-from ff_planner_ros.planning.distance.search_certificate import search_certificate
+from ff_planner_ros.planning.distance.search_certificate import search_distance
 from ff_planner_ros.planning.distance.start_room import (
     CLEARANCE_AT_END,
     LEAST_CLEARANCE,
     lines_from_spheres,
-    margins_in_core,
     room_of_lines,
 )
 from ff_planner_ros.planning.motion.certified_least import Least
@@ -42,7 +41,7 @@ from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
+from ff_planner_ros.planning.requirements.body_rows import obstacles_in_core
 from ff_planner_ros.planning.requirements.collisions import (
     SLACK_PART,
     KeptClear,
@@ -54,13 +53,9 @@ from ff_planner_ros.planning.requirements.obstacle_clearance import (
     body_and_obstacle,
     least_from_obstacles,
 )
-from ff_planner_ros.planning.requirements.requirement import (
-    OF_INTEREST,
-    Assessment,
-    Samples,
-    elsewhere,
-)
+from ff_planner_ros.planning.requirements.requirement import Assessment, Samples, elsewhere
 from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 
 # A certificate of a motion at more times begins with every second one: it subdivides intervals
@@ -108,24 +103,19 @@ class Clearance(KeptClear):
         self, problem: PlanningProblem, points: int, margin: float
     ) -> Sequence[compiled.PathRequirement]:
         """Return what makes the rows in the core."""
-        times, room = times_looked_at(problem.duration, points), room_of_lines(problem)
-        return (
-            compiled.lines_clear_of_spheres(
-                spheres_of(problem.spheres, problem.duration),
-                margins_in_core(margin, room),
-                times,
-                OF_INTEREST,
-                points < FEW_POINTS,
-            ),
-        )
+        lines = [body.joint - 2 for body in with_bodies(problem.robot).bodies]
+        room = room_of_lines(problem)[lines]
+        asked = problem, problem.spheres, points, margin, room, all_apart(room.size)
+        return (obstacles_in_core(*asked),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance, or a bound below it that is not negative [m]."""
         if not self.concerns(problem):
             return np.inf
-        at = _looked_at(motion)
-        asked = problem.robot, motion.q[at], motion.v[at], motion.time[at], problem.spheres
-        return search_certificate(*asked, certificate_gap(problem), SLACK_PART)
+        robot, spheres, last = with_bodies(problem.robot), problem.spheres, len(motion.time) - 1
+        chosen = np.arange(len(robot.bodies) * len(spheres))
+        asked = robot, motion, spheres, chosen, last, SLACK_PART
+        return search_distance(*asked, certificate_gap(problem))
 
     def assess(self, samples: Samples) -> Assessment:
         """Return R_obst and, of robots with centre lines, the certified clearance [m].

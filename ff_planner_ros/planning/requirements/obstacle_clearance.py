@@ -15,7 +15,6 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, obstacles_of
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.distance.allowed_contact import may_touch, split_obstacles, stretches
 from ff_planner_ros.planning.distance.bodies import placed_bodies
@@ -33,7 +32,7 @@ from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.paths.start_approach import NEAR, refuse_bodies_approached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.body_rows import asked_of_core
+from ff_planner_ros.planning.requirements.body_rows import obstacles_in_core
 from ff_planner_ros.planning.requirements.collisions import (
     SLACK_PART,
     KeptClear,
@@ -87,13 +86,7 @@ class ObstacleClearance(KeptClear):
     ) -> Sequence[compiled.PathRequirement]:
         """Return what makes the rows in the core."""
         room, split = room_of_obstacles(problem), split_obstacles(problem)
-        return (
-            compiled.bodies_clear_of_obstacles(
-                bodies_of(with_bodies(problem.robot)),
-                obstacles_of(problem.obstacle_bodies, problem.duration),
-                *asked_of_core(problem, points, margin, room, split),
-            ),
-        )
+        return (obstacles_in_core(problem, problem.obstacle_bodies, points, margin, room, split),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
