@@ -41,7 +41,8 @@ def swung(begin: float) -> JointMotion:
 
 def test_the_distance_to_each_limit_is_that_between_the_points_and_so_is_its_time() -> None:
     """The lower limits come first; a joint that stays on one side is nearest to it at its ends."""
-    distances, times = swung(1.0).distances(LOWER, UPPER)
+    (lowest, highest), times = swung(1.0).extremes()
+    distances = np.array([lowest - LOWER, UPPER - highest])
     assert distances == pytest.approx(np.array([[2.0, 0.2], [0.4, 3.0]]), abs=1e-9)
     assert times[1, 0] == pytest.approx(2.0, abs=1e-4)
     assert times[0, 1] == pytest.approx(2.0, abs=1e-4)
@@ -66,25 +67,18 @@ def test_rates_and_accelerations_have_their_own_extremes() -> None:
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_what_distances_are_not_below_is_below_them_and_exact_in_a_steady_turn(order: int) -> None:
+def test_bounds_of_a_motion_hold_its_extremes_and_are_exact_in_a_steady_turn(order: int) -> None:
     rng = np.random.default_rng(order)
     motion = JointMotion(np.cumsum(rng.uniform(0.2, 1.0, 9)), *rng.normal(size=(3, 9, 4)))
-    lower, upper = -rng.uniform(1.0, 9.0, 4), rng.uniform(1.0, 9.0, 4)
-    hull, (distances, _) = (
-        of(lower, upper, order) for of in (motion.least_distances, motion.distances)
-    )
-    assert hull.shape == (2, 4)
-    assert (hull <= distances + 1e-9).all()
+    bounds, (extremes, _) = motion.bounds(order), motion.extremes(order)
+    assert bounds.shape == (2, 4)
+    assert (bounds[0] <= extremes[0] + 1e-9).all()
+    assert (bounds[1] >= extremes[1] - 1e-9).all()
     rates, time = np.array([[0.3, -0.2]]), np.array([0.0, 1.0, 3.0])
     steady = JointMotion(time, time[:, None] * rates, np.tile(rates, (3, 1)), np.zeros((3, 2)))
-    of_limits = -np.ones(2), np.array([1.0, 2.0])
-    exact = {
-        0: [[1.0, 0.4], [0.1, 2.0]],
-        1: [[1.3, 0.8], [0.7, 2.2]],
-        2: [[1.0, 1.0], [1.0, 2.0]],
-    }
-    assert steady.least_distances(*of_limits, order) == pytest.approx(np.array(exact[order]))
-    assert steady.distances(*of_limits, order)[0] == pytest.approx(np.array(exact[order]))
+    exact = {0: [[0.0, -0.6], [0.9, 0.0]], 1: [[0.3, -0.2], [0.3, -0.2]], 2: np.zeros((2, 2))}
+    assert steady.bounds(order) == pytest.approx(np.array(exact[order]))
+    assert steady.extremes(order)[0] == pytest.approx(np.array(exact[order]))
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,7 @@ def test_a_capture_in_too_much_haste_is_refused_for_the_torque_that_it_needs(
     capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     hurried = replace(capture, duration=6.0, limits=Limits())
-    message = r"joint joint_\d needs \S+ N m, \S+ N m more than its effort limit of 2332 N m"
+    message = r"joint joint_\d needs \S+ N m, \S+ N m beyond its effort limit of 2332 N m"
     with pytest.raises(NoPlanFound, match=message) as refusal:
         plan(hurried, replace(settings, starts=2))
     assert refusal.value.status is Status.TORQUE_TOO_HIGH

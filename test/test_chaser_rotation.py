@@ -32,7 +32,7 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
 )
-from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
+from ff_planner_ros.planning.requirements.limits.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -72,8 +72,8 @@ def test_euler_angles_within_a_limit_allow_a_rotation_beyond_it(
     assert by_euler.metrics.max_chaser_rotation == pytest.approx(turned, abs=1e-5)
     (failure,) = failures(limited(lemur_capture, FIVE), by_euler, SETTINGS)
     assert failure.status is Status.LIMIT_VIOLATED
-    beyond = f"{turned - FIVE:.3g} rad more than limits.chaser_rotation, {FIVE:g} rad"
-    assert f"the chaser has rotated by {turned:.4f} rad at " in failure.finding
+    beyond = f"{turned - FIVE:.3g} rad beyond limits.chaser_rotation of {FIVE:g} rad"
+    assert f"the chaser has rotated by {turned:.5g} rad, " in failure.finding
     assert beyond in failure.finding
     assert not list(failures(limited(lemur_capture, turned + 1e-5), by_euler, SETTINGS))
 

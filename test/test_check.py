@@ -136,7 +136,8 @@ def test_a_joint_beyond_its_limit_is_found_by_name_time_and_amount(problem, soun
     error = refusal_of(tight, answer)
     assert error.status is Status.LIMIT_VIOLATED
     time = times[joints[:, 3].argmax()]
-    assert "joint joint_4 is 0.05 rad outside its limits" in str(error)
+    assert f"joint joint_4 is at {joints[:, 3].max():.5g} rad" in str(error)
+    assert f"0.05 rad beyond its limit of {upper[3]:g} rad" in str(error)
     assert f"at t = {time:.2f} s" in str(error)
 
 
@@ -156,8 +157,8 @@ def test_a_joint_beyond_its_velocity_limit_is_found_by_name_time_and_amount(
     require_sound(slow, answer, SETTINGS)  # nobody asked to keep the rates
     error = refusal_of(replace(slow, limits=Limits(joint_velocities=True)), answer)
     assert error.status is Status.LIMIT_VIOLATED
-    turning = f"joint joint_{joint + 1} turns at {sign * rates[time, joint]:.4f} rad/s"
-    assert f"{turning}, 0.03 rad/s faster than its limit of {limits[joint]:.4f}" in str(error)
+    turning = f"joint joint_{joint + 1} moves at {sign * rates[time, joint]:.5g} rad/s"
+    assert f"{turning}, 0.03 rad/s beyond its limit of {limits[joint]:g}" in str(error)
     assert f"at t = {times[time]:.2f} s of 10 s" in str(error)
     assert "What may help: a longer duration" in str(error)
 
@@ -192,7 +193,7 @@ def test_a_torque_beyond_its_effort_limit_is_found_by_name_time_and_amount(probl
     error = refusal_of(weak, answer)
     assert error.status is Status.TORQUE_TOO_HIGH
     told = re.search(
-        rf"joint joint_{joint + 1} needs (\S+) N m, (\S+) N m more than its effort limit of "
+        rf"joint joint_{joint + 1} needs (\S+) N m, (\S+) N m beyond its effort limit of "
         rf"{limits[joint]:g} N m, at t = (\S+) s of 10 s",
         str(error),
     )

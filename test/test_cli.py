@@ -174,7 +174,7 @@ def test_the_best_attempt_of_a_refusal_tells_its_metrics_and_not_its_motion(
     planner.write_text(re.sub(r"(starts|max_iterations): \d+", r"\1: 1", text))
     path = scenario(duration=1.0, obstacles=[], limits={"velocity": "from_urdf"})
     assert main(["plan", str(path), "--parameters", str(planner), "--json", str(answer)]) == 3
-    assert "turns at" in capsys.readouterr().err
+    assert "moves at" in capsys.readouterr().err
     written = json.loads(answer.read_text())
     assert written["status"] == "limit_violated"
     assert written["metrics"]["min_velocity_margin"] < 0.0

@@ -21,11 +21,9 @@ from ff_planner_ros.errors import BagError, Failure, FfPlannerError, OutOfTime, 
 from ff_planner_ros.parameters import DECLARATIONS, load_parameters
 from ff_planner_ros.planning.check.check import failures, refusal
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.motion.followed import Peaks
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.motion.wheel_motion import WheelPeaks
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Obstacle,
@@ -35,11 +33,10 @@ from ff_planner_ros.planning.problem.problem import (
     Target,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.grasp.capture_impulse import CaptureImpulse
+from ff_planner_ros.planning.requirements.limits.capture_impulse import CaptureImpulse
+from ff_planner_ros.planning.requirements.limits.wheels import WheelLimits
 from ff_planner_ros.planning.requirements.requirement import ANOTHER_DURATION, Samples
-from ff_planner_ros.planning.requirements.wheels import _judged as judged_wheels
 from ff_planner_ros.planning.scenario.scenario import load_scenario, scenario_schema
-from ff_planner_ros.robot.wheels import Wheels
 
 
 @pytest.fixture(scope="module")
@@ -166,14 +163,13 @@ def test_a_tolerance_that_is_zero_already_cannot_be_smaller(
 
 
 def test_wheels_that_hold_nothing_cannot_hold_less_at_the_start() -> None:
+    problem = load_scenario(CONFIG / "scenarios/lemur_wheels.yaml")
     for held, told in ((np.zeros(3), False), (np.array([0.0, 0.1, 0.0]), True)):
-        along = np.array([held, held + 1.0])
-        peaks = Peaks(along[-1], np.zeros(3))
-        wheels = Wheels(momentum=(0.5,))
-        momenta, torques = judged_wheels(wheels, WheelPeaks(peaks, peaks, (along, 0.0 * along)))
+        start = replace(problem.start, wheel_momenta=held)
+        momenta, torques = WheelLimits().limits(replace(problem, start=start))
         assert ("wheels that hold less at the start" in momenta.advice) is told
         assert "a larger objective.wheel_momentum" in momenta.advice
-        assert torques.advice == ()
+        assert torques.advice == ("a longer duration", "more planner.starts")
 
 
 def test_every_key_that_a_message_names_is_one_that_the_user_may_write() -> None:

@@ -148,7 +148,7 @@ def test_a_plan_keeps_a_limit_that_it_would_break(
 
 def test_a_limit_that_no_plan_keeps_is_named(stop: PlanningProblem) -> None:
     problem = replace(stop, limits=replace(stop.limits, grasp_force=1e-3))
-    with pytest.raises(NoPlanFound, match=r"peak_grasp_force is .* N, .* N more than limits") as no:
+    with pytest.raises(NoPlanFound, match=r"peak_grasp_force is .* N, .* N beyond limits") as no:
         perform(PlanningTask(problem, SETTINGS))
     assert no.value.status is Status.LIMIT_VIOLATED
 
@@ -156,7 +156,7 @@ def test_a_limit_that_no_plan_keeps_is_named(stop: PlanningProblem) -> None:
 def test_a_start_that_takes_too_much_is_refused(stop: PlanningProblem) -> None:
     start = replace(stop.start, joint_accelerations=np.full(7, 0.02))
     problem = replace(stop, start=start, limits=replace(stop.limits, grasp_torque=0.01))
-    with pytest.raises(InvalidInput, match=r"limits.grasp_torque is 0.01 N m") as refused:
+    with pytest.raises(InvalidInput, match=r"beyond limits.grasp_torque of 0.01 N m") as refused:
         perform(PlanningTask(problem, SETTINGS))
     assert refused.value.field == "joints.acceleration"
     assert refused.value.status is Status.START_OUTSIDE_LIMITS

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import Limits
-from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.limits.joint_limits import JointRates
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
@@ -85,7 +85,7 @@ def test_a_joint_outside_its_limits_between_two_points_is_refused(place: str, si
         if beyond < 1e-4:
             assert not failures
             continue
-        words = f"joint joint_3 is {beyond:.3g} rad outside its limits"
+        words = f"{beyond:.3g} rad beyond its limit of {limit:g} rad"
         the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
@@ -100,7 +100,7 @@ def test_a_joint_that_is_furthest_out_at_a_point_is_refused(place: str, sign: fl
         failures = found.judged(robot=with_limit(found, name, 4, limit))
         assert bool(failures) is refused
         if refused:
-            the_one(failures, Status.LIMIT_VIOLATED, "joint joint_5 is 0.1 rad outside")
+            the_one(failures, Status.LIMIT_VIOLATED, "0.1 rad beyond its limit of ")
 
 
 @pytest.mark.law("PLAN-05")
@@ -115,7 +115,7 @@ def test_a_joint_that_is_too_fast_between_two_points_is_refused(place: str, sign
         failures = found.judged(robot=slow, limits=Limits(joint_velocities=True))
         assert bool(failures) is refused
         if refused:
-            words = f"joint joint_2 turns at {sign * rate:.4f} rad/s, {(1 - part) * rate:.3g} rad/s"
+            words = f"joint joint_2 moves at {sign * rate:.5g} rad/s, {(1 - part) * rate:.3g} rad/s"
             the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
@@ -149,7 +149,7 @@ def test_a_joint_that_is_too_fast_at_a_point_is_refused(place: str, sign: float)
         failures = found.judged(robot=slow, limits=Limits(joint_velocities=True))
         assert bool(failures) is refused
         if refused:
-            words = f"joint joint_4 turns at {sign * 0.4:.4f} rad/s, 0.1 rad/s faster"
+            words = f"joint joint_4 moves at {sign * 0.4:.5g} rad/s, 0.1 rad/s beyond"
             the_one(failures, Status.LIMIT_VIOLATED, words, words_at(time))
 
 
@@ -266,9 +266,9 @@ def test_a_chaser_that_turns_too_far_is_refused_wherever_that_is(place: str, sig
         failures = found.judged(limits=Limits(chaser_attitude=float(angles.max() + aside)))
         assert bool(failures) is refused
         if refused:
-            the_one(failures, Status.LIMIT_VIOLATED, "more than limits.chaser_attitude")
+            the_one(failures, Status.LIMIT_VIOLATED, "beyond limits.chaser_attitude")
             words = failures[0].finding.split()
-            angle, told = float(words[words.index("is") + 1]), float(words[words.index("=") + 1])
+            angle, told = float(words[words.index("of") + 1]), float(words[words.index("=") + 1])
             assert angle == pytest.approx(angles.max(), abs=1e-4)
             assert told == pytest.approx(time, abs=0.03)
 
@@ -301,7 +301,7 @@ def test_a_chaser_that_rotates_too_far_is_refused_though_its_euler_angles_are_al
         failures = found.judged(limits=limits)
         assert bool(failures) is refused
         if refused:
-            words_of_limit = f"more than limits.chaser_rotation, {limit:g} rad"
+            words_of_limit = f"beyond limits.chaser_rotation of {limit:g} rad"
             the_one(failures, Status.LIMIT_VIOLATED, "the chaser has rotated by", words_of_limit)
             words = failures[0].finding.split()
             angle, told = float(words[words.index("by") + 1]), float(words[words.index("=") + 1])
@@ -326,7 +326,7 @@ def test_the_rotation_counts_from_the_first_point_whatever_the_attitude_is_there
         failures = found.judged(limits=Limits(chaser_rotation=float(angles.max()) + aside))
         assert bool(failures) is refused
         if refused:
-            the_one(failures, Status.LIMIT_VIOLATED, "more than limits.chaser_rotation")
+            the_one(failures, Status.LIMIT_VIOLATED, "beyond limits.chaser_rotation")
 
 
 @pytest.mark.sampled

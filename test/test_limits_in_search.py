@@ -31,8 +31,8 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
 )
-from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
-from ff_planner_ros.planning.requirements.joints.torques import Torques
+from ff_planner_ros.planning.requirements.limits.joint_limits import JointAccelerations
+from ff_planner_ros.planning.requirements.limits.loads import Torques
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
@@ -292,7 +292,7 @@ def test_the_check_names_joint_time_and_value_of_an_acceleration_that_is_too_hig
     assert refusal.value.status is Status.LIMIT_VIOLATED
     for words in (
         f"joint {lemur_plan.joint_names[joint]} accelerates by {accelerations[step, joint]:.3g}",
-        f"than its limit of {limit:.4g} rad/s2, at t = {time[step]:.1f}",
+        f"beyond its limit of {limit:g} rad/s2, at t = {time[step]:.1f}",
     ):
         assert words in str(refusal.value), (words, str(refusal.value))
 
@@ -375,7 +375,7 @@ def test_torques_are_nobodys_matter_where_effort_limits_are_not_to_be_kept(
     robot = replace(lemur_capture.robot, effort_limits=frozen(0.01 * most))
     kept = replace(lemur_capture, robot=robot)
     free = replace(kept, limits=Limits(joint_torques=False))
-    with pytest.raises(NoPlanFound, match=r"joint_\d needs .* than its effort limit") as refused:
+    with pytest.raises(NoPlanFound, match=r"joint_\d needs .* beyond its effort limit") as refused:
         require_sound(kept, lemur_plan, SETTINGS)
     assert refused.value.status is Status.TORQUE_TOO_HIGH
     assert "limits.effort none" in refused.value.failures[0].advice

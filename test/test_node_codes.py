@@ -91,7 +91,7 @@ CASES = {
         ("final_position_error is",), _nothing, ("planner.position_tolerance", 1e-12, 1e-3)
     ),
     Status.TORQUE_TOO_HIGH: Case(
-        ("needs", "more than its effort limit of 80 N m"),
+        ("needs", "beyond its effort limit of 80 N m"),
         _in_a_hurry,
         ("limits.velocity", "none", "from_urdf"),
     ),

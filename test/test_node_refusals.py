@@ -322,7 +322,7 @@ CASES = {
     ),
     "a duration too short for the arm": Case(
         Status.LIMIT_VIOLATED,
-        ("turns at", "faster than its limit of 0.5", "a longer duration"),
+        ("moves at", "beyond its limit of 0.5", "a longer duration"),
         _in_a_hurry,
     ),
     "a goal ten metres away": Case(

@@ -271,7 +271,7 @@ def test_a_duration_too_short_for_the_velocity_limits_is_refused_and_a_longer_on
     )
     hurried = replace(settings, starts=1, max_iterations=10)
     with pytest.raises(
-        NoPlanFound, match=r"turns at .* rad/s faster.*a longer duration"
+        NoPlanFound, match=r"moves at .* rad/s beyond.*a longer duration"
     ) as refusal:
         plan(replace(problem, duration=1.5), hurried)
     assert refusal.value.status is Status.LIMIT_VIOLATED

@@ -55,9 +55,9 @@ def start_beyond(problem: PlanningProblem, limit: str, excess: float) -> Plannin
 @pytest.mark.parametrize(
     ("limit", "words", "allowed"),
     [
-        ("upper_position_limits", r"joints\.position\[joint_1\]", 1e-4),
-        ("lower_position_limits", r"joints\.position\[joint_1\]", 1e-4),
-        ("velocity_limits", r"joints\.velocity\[joint_1\]", 1e-6),  # the slowest joint
+        ("upper_position_limits", r"joints\.position\[joint_\d\]", 1e-4),
+        ("lower_position_limits", r"joints\.position\[joint_\d\]", 1e-4),
+        ("velocity_limits", r"joints\.velocity\[joint_\d\]", 1e-6),  # the slowest joint
     ],
 )
 def test_a_start_beyond_its_limits_by_what_plans_may_be_is_not_refused(

@@ -28,7 +28,7 @@ from ff_planner_ros.planning.problem.problem import (
     Target,
 )
 from ff_planner_ros.planning.requirements import REQUIREMENTS
-from ff_planner_ros.planning.requirements.joints.torques import Torques
+from ff_planner_ros.planning.requirements.limits.loads import Torques
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum

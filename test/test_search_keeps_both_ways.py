@@ -36,12 +36,16 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.body_rows import times_looked_at
-from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
-from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
-from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
-from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
-from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
-from ff_planner_ros.planning.requirements.joints.torques import Torques
+from ff_planner_ros.planning.requirements.limits.chaser_rotation import (
+    ChaserAttitude,
+    ChaserRotation,
+)
+from ff_planner_ros.planning.requirements.limits.joint_limits import (
+    JointAccelerations,
+    JointPositions,
+    JointRates,
+)
+from ff_planner_ros.planning.requirements.limits.loads import Torques
 from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.collision.solids import Solid

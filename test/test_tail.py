@@ -235,8 +235,9 @@ def test_a_joint_limit_in_the_way_of_a_stop_is_found(
     problem = replace(lemur_capture, robot=replace(robot, lower_position_limits=lower))
     error = refused_tail(problem, lemur_plan, STOP, 6.0)
     assert error.status is Status.LIMIT_VIOLATED
-    excess = f"joint {robot.joint_names[joint]} is {0.5 * beyond[joint]:.3g} rad outside its limits"
-    assert f"post-goal segment (stop_joints, 6 s) is not feasible: {excess}" in str(error)
+    words = f"post-goal segment (stop_joints, 6 s) is not feasible: joint joint_{joint + 1} is at "
+    assert words in str(error)
+    assert f"{0.5 * beyond[joint]:.3g} rad beyond its limit of {lower[joint]:g} rad" in str(error)
     assert "at t = 16.00 s, 6.00 s after the goal" in str(error)
 
 
@@ -254,7 +255,7 @@ def test_a_rate_limit_that_a_ramp_exceeds_is_found(
     with pytest.raises(NoPlanFound) as refused:
         with_tail(problem, end, STOP, 5.0, SETTINGS)
     assert refused.value.status is Status.LIMIT_VIOLATED
-    assert "faster than its limit" in str(refused.value)
+    assert "beyond its limit" in str(refused.value)
     assert "s after the goal" in str(refused.value)
 
 

@@ -450,7 +450,7 @@ def test_a_refusal_of_a_joint_that_is_carried_beyond_its_limit_tells_what_was_me
     assert refused.value.field == "joints.position[joint_5]"
     assert str(refused.value).startswith(
         f"joints.position[joint_5] is {measured + 0.5:.6f} rad, measured as {measured:.6f} rad "
-        "10.000 s before: it must be within the joint's limits"
+        "10.000 s before: at the start joint joint_5 is at "
     )
     upper[4] = measured - 0.1
     with pytest.raises(InvalidInput) as at_once:

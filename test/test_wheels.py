@@ -26,20 +26,20 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion import certified_least
-from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
+from ff_planner_ros.planning.motion.followed import FollowedMotion, followed, peaks_of_steps
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.motion import to_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
-from ff_planner_ros.planning.motion.wheel_motion import certain_peaks, wheel_peaks, wheels_along
+from ff_planner_ros.planning.motion.wheel_motion import certain_peaks, wheels_along
 from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty
+from ff_planner_ros.planning.requirements.limits.wheels import WheelLimits, exceeds_at_points
 from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Samples
-from ff_planner_ros.planning.requirements.wheels import WheelLimits, exceeds_at_points
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.continuing import joined
@@ -48,7 +48,9 @@ from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import angular_momenta, angular_momentum_bounds
+from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.wheels import Wheels
+from ff_planner_ros.robot.wheels import momenta_of as wheel_momenta_of
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
 from ff_planner_ros.simulation.monte_carlo import monte_carlo
 from ff_planner_ros.simulation.verification import TORQUE_TOLERANCE, verify
@@ -212,7 +214,7 @@ def test_a_plan_keeps_the_limits_of_its_wheels_and_one_without_exceeds_them() ->
     found = list(failures(in_own_frame(task.problem), seen(task.problem, without), SETTINGS))
     assert [one.status for one in found] == [Status.LIMIT_VIOLATED]
     assert "wheel 2 holds" in found[0].finding
-    assert "more than its limit of 4 N m s, at t = " in found[0].finding
+    assert "beyond its limit of 4 N m s, at t = " in found[0].finding
 
 
 def test_a_start_at_the_torque_limit_of_a_wheel_is_planned_from() -> None:
@@ -269,9 +271,7 @@ def test_a_torque_beyond_the_limit_is_refused_by_name() -> None:
     weak = replace(task.problem.robot.wheels, torque=(0.3,))
     problem = in_own_frame(replace(task.problem, robot=replace(task.problem.robot, wheels=weak)))
     found = [one.finding for one in failures(problem, seen(problem, plan), SETTINGS)]
-    assert any(
-        "gives" in words and "N m more than its limit of 0.3 N m" in words for words in found
-    )
+    assert any("gives" in words and "N m beyond its limit of 0.3 N m" in words for words in found)
     with pytest.raises(NoPlanFound, match=r"wheel . gives"):
         perform(
             PlanningTask(
@@ -412,7 +412,7 @@ def scenario_with(tmp_path: Path, **changes: Any) -> Path:
         (
             {"robot__wheels__stored": [0.0, 4.5, 0.0]},
             "robot.wheels.stored[1]",
-            "wheel 2 holds 4 N m s",
+            "wheel 2 holds 4.5 N m s, 0.5 N m s beyond its limit of 4 N m s",
         ),
     ],
 )
@@ -427,7 +427,7 @@ def test_what_wheels_cannot_do_is_refused_by_name(
 
 def test_a_start_that_accelerates_against_a_weak_wheel_is_refused(tmp_path: Path) -> None:
     path = scenario_with(tmp_path, joints__acceleration=[0.5] * 7, robot__wheels__torque=0.5)
-    with pytest.raises(InvalidInput, match=r"wheel . gives .* its limit is 0\.5 N m"):
+    with pytest.raises(InvalidInput, match=r"wheel . gives .* beyond its limit of 0\.5 N m"):
         perform(load_task(path, Defaults(SETTINGS)))
 
 
@@ -575,6 +575,14 @@ def test_bounds_of_momentum_are_sums_of_moduli_however_heavy_the_arm(
     assert np.abs(rates).max() <= bounds[1]
 
 
+def loads_of(
+    robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
+) -> tuple[Array, Array]:
+    """Momenta and torques at the times of a motion, as the check has them."""
+    stored = wheel_momenta_of(wheels, start)
+    return wheels_along(robot, wheels, stored, motion.q, motion.v, motion.joint_accelerations)
+
+
 @pytest.mark.law("PLAN-15")
 def test_what_is_certain_of_wheels_is_above_all_that_they_ever_hold_and_give(
     times: Callable[[int, int], int],
@@ -584,14 +592,14 @@ def test_what_is_certain_of_wheels_is_above_all_that_they_ever_hold_and_give(
     for seed in range(times(10, 100)):
         motion = driven(robot, seed)
         start = in_own_frame(held_problem("six joints", FOUR)).start
-        peaks = wheel_peaks(robot, FOUR, start, motion)
-        found = np.abs(np.concatenate([peaks.momenta.values, peaks.torques.values]))
+        loads = loads_of(robot, FOUR, start, motion)
+        found = np.abs(np.concatenate([peaks_of_steps(one, motion).values for one in loads]))
         every = np.linspace(0.0, 8.0, 8001)
         momenta, rates = momenta_of(robot, motion, every)
-        held = peaks.along[0][0] + (momenta[0] - momenta) @ FOUR.shares.T
+        held = loads[0][0] + (momenta[0] - momenta) @ FOUR.shares.T
         truth = np.abs(np.hstack([held, rates @ FOUR.shares.T])).max(axis=0)
         for part in (0.9, 1.0, 1.01, 1.5, np.inf):
-            certain = certain_peaks(robot, FOUR, motion, peaks, part * found)
+            certain = certain_peaks(robot, FOUR, motion, loads, part * found)
             assert (certain >= truth * (1.0 - 1e-12)).all(), (seed, part)
             assert (certain <= np.maximum(part, 1.001) * found).all(), (seed, part)
 
@@ -602,11 +610,11 @@ def test_what_is_certain_of_wheels_ends_above_all_loads_however_long_it_would_ta
 ) -> None:
     robot = held_robot("six joints", FOUR)
     motion, start = driven(robot, 0), in_own_frame(held_problem("six joints", FOUR)).start
-    peaks = wheel_peaks(robot, FOUR, start, motion)
-    found = np.abs(np.concatenate([peaks.momenta.values, peaks.torques.values]))
-    close = certain_peaks(robot, FOUR, motion, peaks, found)
+    loads = loads_of(robot, FOUR, start, motion)
+    found = np.abs(np.concatenate([peaks_of_steps(one, motion).values for one in loads]))
+    close = certain_peaks(robot, FOUR, motion, loads, found)
     monkeypatch.setattr(certified_least, "MOST_PIECES", most)
-    certain = certain_peaks(robot, FOUR, motion, peaks, found)
+    certain = certain_peaks(robot, FOUR, motion, loads, found)
     assert (certain >= found).all()
     assert (certain > close).any()
 
@@ -634,9 +642,12 @@ def test_a_load_that_exceeds_its_limit_between_the_times_of_the_check_is_refused
     while True:
         motion, seed = driven(robot, seed), seed + 1
         start = in_own_frame(held_problem("six joints", FOUR)).start
-        peaks = wheel_peaks(robot, FOUR, start, motion)
+        _, torques = loads_of(robot, FOUR, start, motion)
         _, rates = momenta_of(robot, motion, np.linspace(0.0, 8.0, 8001))
-        given, truth = np.abs(peaks.torques.values), np.abs(rates @ FOUR.shares.T).max(axis=0)
+        given, truth = (
+            np.abs(peaks_of_steps(torques, motion).values),
+            np.abs(rates @ FOUR.shares.T).max(axis=0),
+        )
         missed = truth / given - 1.0
         wheel = int(missed.argmax())
         if missed[wheel] > 2e-4:
@@ -672,7 +683,9 @@ def test_between_the_points_nothing_rises_above_the_peaks_that_are_told(
         fine = followed(*begin, 8 * coarse.pieces)
         assert problem.robot.wheels is not None
         asked = problem.robot, problem.robot.wheels, problem.start
-        told, truth = (wheel_peaks(*asked, one) for one in (coarse, fine))
-        for one, other in ((told.momenta, truth.momenta), (told.torques, truth.torques)):
-            highest = np.abs(other.values)
-            assert (highest - np.abs(one.values) <= 1e-3 * highest).all()
+        for kind in (0, 1):
+            told, highest = (
+                np.abs(peaks_of_steps(loads_of(*asked, one)[kind], one).values)
+                for one in (coarse, fine)
+            )
+            assert (highest - told <= 1e-3 * highest).all()

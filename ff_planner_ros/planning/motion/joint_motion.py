@@ -89,33 +89,25 @@ class JointMotion:
         signs = np.array([[-1.0], [1.0]])
         return signs * values.reshape(2, -1), times.reshape(2, -1)
 
-    def distances(self, lower: Array, upper: Array, order: int = 0) -> tuple[Array, Array]:
-        """Return the least distance of each joint to its limits, lower first, and its time.
+    def least_distance(
+        self, lower: Array, upper: Array, order: int = 0, weights: Array | float = 1.0
+    ) -> float:
+        """Return the least distance of any joint to its limits, each times its joint's weight.
 
         Args:
             lower: Of positions, rates or accelerations, as `order` is 0, 1 or 2. Shape (joints,).
             upper: As lower.
-
-        Returns:
-            Distances, negative beyond a limit, and times [s]: each of shape (2, joints).
         """
-        (lowest, highest), times = self.extremes(order)
-        return np.array([lowest - lower, upper - highest]), times
-
-    def least_distance(
-        self, lower: Array, upper: Array, order: int = 0, weights: Array | float = 1.0
-    ) -> float:
-        """Return the least of all `distances`, each times its joint's weight."""
         pieces = self._coefficients[order]
         beyond = np.concatenate([weights * (lower - pieces), weights * (pieces - upper)], axis=2)
         beyond = beyond[..., np.isfinite(beyond[0, 0])].reshape(len(pieces), -1)
         exact = max(_EXACT, _ROUNDING * float(np.abs(pieces).max()))
         return -_highest_of_all(beyond, exact)
 
-    def least_distances(self, lower: Array, upper: Array, order: int = 0) -> Array:
-        """Return lower bounds of `distances`, in a tenth of the time. Shape (2, joints)."""
+    def bounds(self, order: int = 0) -> Array:
+        """Return values that no joint is below or above, in a tenth of the time: (2, joints)."""
         pieces = self._coefficients[order]
-        return np.array([pieces.min(axis=(0, 1)) - lower, upper - pieces.max(axis=(0, 1))])
+        return np.array([pieces.min(axis=(0, 1)), pieces.max(axis=(0, 1))])
 
     def largest(self, orders: int) -> Array:
         """Return the largest modulus of positions, rates and so on between any two points.

@@ -6,64 +6,40 @@ which needs derivatives, computes its own by inverse dynamics.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.motion.certified_least import Arcs, Known, Pieces, certified_least
-from ff_planner_ros.planning.motion.followed import FollowedMotion, Peaks, peaks_of_steps
+from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import angular_momenta, angular_momentum_bounds
-from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.robot.wheels import Wheels, momenta_of
+from ff_planner_ros.robot.wheels import Wheels
 
 # Half of the fraction of its limits by which a plan may exceed them.
 _GAP = 5e-5
 
 
-class WheelPeaks(NamedTuple):
-    """The largest momentum and torque of each wheel."""
-
-    momenta: Peaks  # [N m s]
-    torques: Peaks  # [N m]
-    # At the times of the motion, each of shape (times, wheels)
-    along: tuple[Array, Array]
-
-
-def wheel_peaks(
-    robot: Robot, wheels: Wheels, start: SystemState, motion: FollowedMotion
-) -> WheelPeaks:
-    """Return the peak momentum and torque of each wheel along a motion, between its points too."""
-    stored, accelerations = momenta_of(wheels, start), motion.joint_accelerations
-    loads = wheels_along(robot, wheels, stored, motion.q, motion.v, accelerations)
-    return peaks_of_wheels(*loads, motion)
-
-
-def peaks_of_wheels(momenta: Array, torques: Array, motion: FollowedMotion) -> WheelPeaks:
-    """Return the peaks of momenta [N m s] and torques [N m] at each step of a motion."""
-    of_momenta, of_torques = (peaks_of_steps(loads, motion) for loads in (momenta, torques))
-    return WheelPeaks(of_momenta, of_torques, (momenta, torques))
-
-
 def certain_peaks(
-    robot: Robot, wheels: Wheels, motion: FollowedMotion, found: WheelPeaks, allowed: Array
+    robot: Robot, wheels: Wheels, motion: FollowedMotion, loads: Sequence[Array], allowed: Array
 ) -> Array:
     """Return what no load ever exceeds, as far as it takes to tell whether that is allowed.
 
     Args:
-        found: Of the motion.
+        loads: Momenta and torques of the wheels at the times of the motion, each of shape (times,
+            wheels).
         allowed: Momenta [N m s], then torques [N m], of all wheels. Shape (2 wheels,).
 
     Returns:
         Less than what is allowed, or at most `_GAP` of it above the highest values found, or more
         where the motion is too fast to tell. Shape (2 wheels,).
     """
-    stored, sizes = found.along[0][0], np.linalg.norm(wheels.shares, axis=1)
+    stored, sizes = loads[0][0], np.linalg.norm(wheels.shares, axis=1)
     of_vectors = angular_momentum_bounds(robot, motion.joints.largest(5)).repeat(motion.pieces, 1)
     # From order 1 on, of momenta and of torques, between two times. Shape (2, 2, intervals, 1).
     of_both = np.array([of_vectors[1:3], of_vectors[2:4]])[..., None]
-    points, known = np.arange(float(len(motion.time))), np.hstack(found.along)
+    points, known = np.arange(float(len(motion.time))), np.hstack(loads)
 
     def loads_at(steps: Array) -> Array:
         at, rows = np.unique(np.interp(steps, points, motion.time), return_inverse=True)
@@ -71,8 +47,8 @@ def certain_peaks(
         positions, rates, accelerations = motion.joints.at(at)
         q, v = np.tile(motion.q[0], (len(at), 1)), np.zeros((len(at), motion.v.shape[1]))
         q[:, 7:], v[:, 6:] = positions, rates
-        loads = np.hstack(wheels_along(robot, wheels, stored, q, v, accelerations))
-        return np.asarray(loads[1:][rows])
+        inside = np.hstack(wheels_along(robot, wheels, stored, q, v, accelerations))
+        return np.asarray(inside[1:][rows])
 
     def certain(load: int, most: float) -> float:
         way, bend = of_both[load // len(sizes), :, :, 0] * sizes[load % len(sizes)]

@@ -16,7 +16,7 @@ from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.wheels import wheels_in_core
+from ff_planner_ros.planning.requirements.limits.wheels import wheels_in_core
 
 # Rotation of the extra joint of `JointPath` [rad]: it makes a path of 1 rad 0.05 % longer.
 _ROUNDING = 0.03

@@ -6,23 +6,26 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.camera_view import CameraView
-from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
-from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import Goal
-from ff_planner_ros.planning.requirements.grasp.capture_impulse import CaptureImpulse
-from ff_planner_ros.planning.requirements.grasp.grasp_wrench import GraspWrench
-from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
-from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
-from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
-from ff_planner_ros.planning.requirements.joints.start_velocity import StartVelocity
-from ff_planner_ros.planning.requirements.joints.torques import Torques
+from ff_planner_ros.planning.requirements.limits.capture_impulse import CaptureImpulse
+from ff_planner_ros.planning.requirements.limits.chaser_rotation import (
+    ChaserAttitude,
+    ChaserRotation,
+)
+from ff_planner_ros.planning.requirements.limits.joint_limits import (
+    JointAccelerations,
+    JointPositions,
+    JointRates,
+)
+from ff_planner_ros.planning.requirements.limits.loads import GraspWrench, Torques
+from ff_planner_ros.planning.requirements.limits.wheels import WheelLimits
 from ff_planner_ros.planning.requirements.momentum import Momentum
 from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
-from ff_planner_ros.planning.requirements.wheels import WheelLimits
+from ff_planner_ros.planning.requirements.start_velocity import StartVelocity
 
 # Checked for every plan, in this order.
 REQUIREMENTS: tuple[Requirement, ...] = (

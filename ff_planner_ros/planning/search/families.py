@@ -21,8 +21,10 @@ from ff_planner_ros.planning.paths.joint_spline import joint_splines
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import Orientation, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
-from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
+from ff_planner_ros.planning.requirements.limits.chaser_rotation import (
+    ChaserAttitude,
+    ChaserRotation,
+)
 from ff_planner_ros.planning.requirements.singular_values import is_regular
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base

@@ -21,9 +21,11 @@ from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS, minimise
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import DurationRange, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
-from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
-from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.limits.joint_limits import (
+    JointAccelerations,
+    JointPositions,
+    JointRates,
+)
 from ff_planner_ros.planning.search.candidate import Effort
 from ff_planner_ros.planning.search.grid import COARSE, Stage
 from ff_planner_ros.planning.search.grid_solver import SMALL_VIOLATION

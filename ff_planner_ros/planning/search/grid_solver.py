@@ -32,7 +32,7 @@ from ff_planner_ros.planning.optimisation.solver import Solution, Stop, minimise
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
-from ff_planner_ros.planning.requirements.wheels import WheelLimits, exceeds_at_points
+from ff_planner_ros.planning.requirements.limits.wheels import WheelLimits, exceeds_at_points
 from ff_planner_ros.planning.search.candidate import (
     Candidate,
     CheckedPlan,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.motion.followed import Peaks
 from ff_planner_ros.planning.motion.motion import state_at
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.limits.limited import Extremes, Limit
 from ff_planner_ros.planning.requirements.requirement import (
     Assessment,
     Requirement,
@@ -45,17 +45,23 @@ class CaptureImpulse(Requirement):
             "capture_impulse": float(np.linalg.norm(missed[:3])) + linear,
             "capture_angular_impulse": float(np.linalg.norm(missed[3:])) + angular,
         }
-        return Assessment(found, tuple(self._failures(samples, found["capture_impulse"])))
-
-    def _failures(self, samples: Samples, found: float) -> Iterator[Failure]:
-        """Yield a linear impulse that exceeds its limit."""
-        limit = samples.problem.limits.capture_impulse
-        if found > limit:
-            named = ("capture_velocity_tolerance", "capture_turn_rate_tolerance")
-            wide = (name for name in named if getattr(samples.settings, name))
-            yield Failure(
-                Status.LIMIT_VIOLATED,
-                f"capture_impulse is {found:.4g} N s within the tolerances of the grasp, the limit "
-                f"is {limit:g} N s",
-                (*(f"a smaller planner.{name}" for name in wide), "another posture at the goal"),
-            )
+        named = "capture_velocity_tolerance", "capture_turn_rate_tolerance"
+        wide = (f"a smaller planner.{name}" for name in named if getattr(settings, name))
+        limit = np.array([problem.limits.capture_impulse])
+        judged = Limit(
+            -limit,
+            limit,
+            ["capture_impulse"],
+            "within the tolerances of the grasp is",
+            ["N s"],
+            (*wide, "another posture at the goal"),
+            name="limits.capture_impulse",
+            excess=0.0,
+            is_relative=False,
+        )
+        impulse, at_goal = (
+            np.array([found["capture_impulse"]]),
+            samples.trajectory.time[samples.goal],
+        )
+        extremes = Extremes.of(Peaks(impulse, np.array([at_goal])), impulse)
+        return Assessment(found, tuple(judged.failures(samples, extremes)))

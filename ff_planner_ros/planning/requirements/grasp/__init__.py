@@ -1,1 +1,0 @@
-"""Limits of a grasp: impulse of contact, and wrench through the grasp."""

@@ -1,1 +1,0 @@
-"""Limits of joint positions, velocities, accelerations and torques."""
