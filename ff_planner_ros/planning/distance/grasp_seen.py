@@ -7,15 +7,11 @@ with the target's twist at the goal.
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.robot.quaternion import (
-    quaternion_from_rotation_vector,
-    rotation_from_quaternion,
-)
+from ff_planner_ros.planning.problem.scene import grasp_frame
 
 
 def grasp_of_path(problem: PlanningProblem, points: int) -> GraspSeen:
@@ -29,22 +25,12 @@ class GraspSeen:
 
     def __init__(self, problem: PlanningProblem, times: Array) -> None:
         """Compute the grasp frame at times from the plan's first point on, (times,) [s]."""
-        body, target = problem.target_body, problem.target
+        body = problem.target_body
         self._parts, self._of_body = times / problem.duration, body is not None
         # On a table the height does not count.
         self._counts = np.array([float(axis in problem.robot.base.rows) for axis in range(3)])
-        if body is not None:
-            motion = body.grasp(times)
-            self._positions, self._rotations = motion.positions, motion.rotations
-            self._twists = motion.twists
-            return
-        later = times - problem.duration
-        turned = quaternion_from_rotation_vector(np.outer(later, target.angular_velocity))
-        at_goal = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
-        self._positions = target.position + np.outer(later, target.linear_velocity)
-        self._rotations = rotation_from_quaternion(turned) @ at_goal
-        twist = np.concatenate([target.linear_velocity, target.angular_velocity])
-        self._twists = np.broadcast_to(twist, (len(times), 6))
+        grasp = grasp_frame(body or problem.target, problem.duration, times)
+        self._positions, self._rotations, self._twists = grasp
 
     @property
     def positions(self) -> Array:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.shown import in_a_line
@@ -21,6 +23,39 @@ from ff_planner_ros.planning.problem.problem import (
     attached,
 )
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.robot.quaternion import (
+    quaternion_from_rotation_vector,
+    rotation_from_quaternion,
+)
+
+
+class GraspFrame(NamedTuple):
+    """The grasp frame in the inertial frame at some times."""
+
+    positions: Array  # of its origin; shape (times, 3) [m]
+    rotations: Array  # to inertial axes; shape (times, 3, 3)
+    twists: Array  # linear part first, inertial axes; shape (times, 6) [m/s, rad/s]
+
+
+def grasp_frame(target: Target | TargetBody, captured: float, times: Array) -> GraspFrame:
+    """Return the frame of a target that moves uniformly, or that of a body's grasp.
+
+    Args:
+        captured: Time of the target's pose [s].
+        times: From the plan's first point on. Shape (times,) [s].
+    """
+    if isinstance(target, TargetBody):
+        grasp = target.grasp(times)
+        return GraspFrame(grasp.positions, grasp.rotations, grasp.twists)
+    later = times - captured
+    turned = quaternion_from_rotation_vector(np.outer(later, target.angular_velocity))
+    at_goal = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
+    twist = np.concatenate([target.linear_velocity, target.angular_velocity])
+    return GraspFrame(
+        positions=target.position + np.outer(later, target.linear_velocity),
+        rotations=rotation_from_quaternion(turned) @ at_goal,
+        twists=np.broadcast_to(twist, (len(times), 6)),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +112,9 @@ class Scene:
         Args:
             times: Without a capture time, up to that of the plan's last point. Shape (times,) [s].
         """
-        if self.target_body is not None:
-            return self.target_body.grasp(times).positions
-        if self.target is None:
-            return None
-        later = times - (times[-1] if self.capture_time is None else self.capture_time)
-        return self.target.position + np.outer(later, self.target.linear_velocity)
+        goal = self.target_body or self.target
+        captured = float(times[-1]) if self.capture_time is None else self.capture_time
+        return None if goal is None else grasp_frame(goal, captured, times).positions
 
     def seen_from(self, origin: Array, velocity: Array) -> Scene:
         """Return the scene in a frame with this origin [m] at time zero and velocity [m/s].

@@ -7,13 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.scene import Scene, grasp_frame
 from ff_planner_ros.robot.model import Base
-from ff_planner_ros.robot.quaternion import (
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    rotation_from_quaternion,
-)
 
 
 class GraspFrames(NamedTuple):
@@ -45,14 +40,8 @@ def grasp_frames(scene: Scene, base: Base, times: Array) -> GraspFrames | None:
     # The last one is that at the capture, but for rounding.
     times = times[: int(np.searchsorted(times, captured + np.diff(times).min() / 2))]
     counts = np.isin(range(3), base.rows).astype(np.float64)[:, None]
-    if scene.target_body is not None:
-        grasp = scene.target_body.grasp(times)
-        return GraspFrames(grasp.positions, counts * grasp.rotations)
-    target = scene.target
-    if target is None:
+    goal = scene.target_body or scene.target
+    if goal is None:
         return None
-    later = times - captured
-    turned = quaternion_from_rotation_vector(np.outer(later, target.angular_velocity))
-    rotations = rotation_from_quaternion(quaternion_product(turned, target.quaternion_xyzw))
-    positions = target.position + np.outer(later, target.linear_velocity)
-    return GraspFrames(positions, counts * rotations)
+    grasp = grasp_frame(goal, captured, times)
+    return GraspFrames(grasp.positions, counts * grasp.rotations)
