@@ -18,7 +18,7 @@ from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.primitives import Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Robot
 
-_NOTHING = np.empty((0, 3))
+_NOTHING, _ORIGIN, _NO_TURN = np.empty((0, 3)), np.zeros(3), np.eye(3)
 
 
 @lru_cache(maxsize=8)
@@ -79,7 +79,8 @@ def _solid_of(solid: coal.CollisionGeometry, grown: float) -> compiled.Solid:
 
 def obstacles_of(obstacles: Sequence[Obstacle], until: float) -> compiled.Obstacles:
     """Return obstacles, with their motion until a time [s] after the plan's first point."""
-    return _obstacles_of(tuple(obstacles), until)
+    last = until if any(one.body is not None for one in obstacles) else 0.0
+    return _obstacles_of(tuple(obstacles), last)
 
 
 @lru_cache(maxsize=8)
@@ -95,15 +96,19 @@ def _obstacles_of(obstacles: tuple[Obstacle, ...], until: float) -> compiled.Obs
 
 
 def _obstacle_of(one: Obstacle, carrier: compiled.TumblingBody | None) -> compiled.Obstacle:
-    shape, motion, place = one.solid, one.motion, one.motion.place_in_body
-    there = (motion.rotation, motion.position)
-    rotation, position = there if place is None else (place.rotation, place.translation)
+    motion, place = one.motion, one.motion.place_in_body
+    if one.is_sphere:  # there may be a thousand; its attitude does not matter
+        solid = compiled.Solid(Kind.ROUND, np.array([one.radius, 0.0, 0.0]), _NOTHING, 0.0)
+        center, rotation = _ORIGIN, _NO_TURN
+    else:
+        solid, center = _solid_of(one.solid.geometry, one.solid.grown), one.solid.center
+        rotation = motion.rotation if place is None else place.rotation
     return compiled.Obstacle(
-        solid=_solid_of(shape.geometry, shape.grown),
-        center=shape.center,
-        radius=shape.radius,
+        solid=solid,
+        center=center,
+        radius=one.radius,
         rotation=rotation,
-        position=position,
+        position=motion.position if place is None else place.translation,
         velocity=motion.velocity,
         rate=motion.angular_velocity,
         body=carrier,
