@@ -6,12 +6,15 @@ import re
 from functools import cache
 from typing import Any, NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import body_placements, random_robot
+from core_rows import distances_of_core
 from test_body_clearance import random_motion
 from test_body_distances import all_pairs, configurations, every_row, spheres_around
+from test_core import SLIDING, chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
@@ -26,9 +29,13 @@ from ff_planner_ros.planning.distance.body_certificate import (
 from ff_planner_ros.planning.distance.body_distances import pair_distances
 from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.problem.obstacles import RigidMotion
 from ff_planner_ros.planning.problem.problem import Obstacle
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.collision.primitives import Kind
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.model import Robot
 
 
@@ -152,6 +159,27 @@ def test_no_point_of_a_body_comes_further_from_joints_and_base_than_is_said(seed
                 assert farthest <= body_reaches(robot)[joint, number] + 1e-9
                 if joint == body.joint - 2:  # a cylinder is taken for a prism
                     assert farthest > 0.97 * body_reaches(robot)[joint, number]
+
+
+@pytest.mark.parametrize("name", SLIDING)
+def test_lines_that_slide_out_are_as_far_from_boxes_as_coal_measures(name: str) -> None:
+    robot, rng = chain_robot(name), np.random.default_rng(4)
+    q = configurations(robot, 6, 4)
+    arm = arm_points(robot, q)
+    box = Obstacle("box", Solid("box", rng.uniform(0.2, 0.6, 3)), RigidMotion(arm[0, 1] + 0.4))
+    found = distances_of_core(robot, q, np.arange(6.0), [box], 1e3)
+    lines = [body.joint - 2 for body in with_bodies(robot).bodies]
+    assert len(found.values) == 6 * len(lines)
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    for name_of_row, value in zip(found.names.tolist(), found.values.tolist(), strict=True):
+        at, line = divmod(name_of_row, len(lines))
+        begin, end = arm[at, lines[line]], arm[at, lines[line] + 1]
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - begin)
+        place = coal.Transform3s(turn.toRotationMatrix(), (begin + end) / 2)
+        seen = coal.Capsule(0.0, float(np.linalg.norm(end - begin)))
+        there = coal.Transform3s(np.eye(3), box.motion.position)
+        truth = coal.distance(seen, place, box.solid.geometry, there, request, result)
+        assert value == pytest.approx(truth, abs=1e-6) or (value < 0.0 and truth <= 1e-6)
 
 
 @pytest.mark.parametrize(

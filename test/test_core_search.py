@@ -11,7 +11,7 @@ import reference_clearance
 from core_rows import EACH, certified_by_core, resting_paths
 from reference_objectives import chaser_euler, joint_path
 from robots import random_state
-from test_core import FREE, PLANAR, agree, chain_robot
+from test_core import FREE, PLANAR, SLIDING, agree, chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
@@ -102,7 +102,7 @@ def evaluated(
     return found, *seen[0]
 
 
-@pytest.mark.parametrize("name", FREE + PLANAR)
+@pytest.mark.parametrize("name", FREE + PLANAR + SLIDING)
 def test_the_certificate_of_the_search_is_below_the_truth_by_its_gap_at_most(name: str) -> None:
     """Among spheres that rest and that move, near and far; the truth by many times."""
     robot = chain_robot(name)

@@ -46,6 +46,7 @@ struct PlacedBodies {
 
   PlacedBodies(const Chain& chain, const Bodies& of, const Joints& joints);
 
+  // Points of one that stretches are no longer its own at other joint angles.
   const Solid& solid(int body) const {
     return lines_.empty() ? of.bodies[body].solid : lines_[body];
   }

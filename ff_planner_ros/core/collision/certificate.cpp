@@ -128,8 +128,10 @@ class ObstaclesOnTheWay : public DistancesOnTheWay {
   double distance(int number, double step) override {
     const At& now = at(step);
     const Pose there = seen(now, obstacle(number));
+    Simplex& known = known_[number];
+    if (bodies_.bodies[body(number)].stretches()) known = {};
     return gap(now.placed.solid(body(number)), now.placed.poses[body(number)], obstacle(number),
-               there, known_[number])
+               there, known)
         .distance;
   }
   double way(int number, double begin, double end) const override {

@@ -6,8 +6,8 @@ namespace ff {
 
 Pose Obstacle::at(double time) const {
   if (body) return body->pose(time) * begin;
+  if (rate.isZero(0)) return {begin.position + time * velocity, begin.rotation};
   const double turn = rate.norm();
-  if (turn == 0) return {begin.position + time * velocity, begin.rotation};
   return {begin.position + time * velocity,
           Eigen::AngleAxisd(turn * time, rate / turn).toRotationMatrix() * begin.rotation};
 }
@@ -106,6 +106,7 @@ DistanceRows obstacle_rows(const BodiesAlong& along, const Times& times, const O
           there = view.of(obstacle, obstacles_at.pose(obstacle, i));
         const double radius = along.of.bodies[pair.body].radius;
         if (bound(placed.centers[pair.body], radius, obstacle, there) >= interest) continue;
+        if (along.of.bodies[pair.body].stretches()) pair.known = {};
         const Gap found = gap(placed.solid(pair.body), placed.poses[pair.body], obstacle, there,
                               pair.known, interest);
         if (!counts(found.distance, interest)) continue;

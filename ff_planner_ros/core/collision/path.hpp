@@ -33,10 +33,8 @@ class DensePath {
  public:
   RowMajor q;  // a row a configuration
 
-  explicit DensePath(const Path& points) : q(points.q), dq_(points.dq) {}
-
-  // With what is half-way to each point, and quarters: what is at a quarter and at three quarters
-  // of every interval, but of the one to the first point.
+  // Points with what is half-way to each of them, and quarters: what is at a quarter and at three
+  // quarters of every interval, but of the one to the first point.
   DensePath(const Path& points, const Path& half_way, bool has_quarters);
 
   Eigen::Index variables() const { return dq_.cols(); }
@@ -53,7 +51,7 @@ class DensePath {
   RowMajor rows_of(const RowMajor& given, Eigen::Index i, Eigen::Index size) const;
 
   RowMajor dq_;  // as it is given
-  bool has_quarters_ = false;
+  bool has_quarters_;
 };
 
 }  // namespace ff

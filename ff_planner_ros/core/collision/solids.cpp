@@ -101,15 +101,14 @@ Gap gap(const Solid& solid, const Pose& at, const Vector3& point) {
       break;
     }
     case Solid::kBox: {
-      distance = beyond_corner<3>(seen.cwiseAbs(), solid.sizes, out).distance;
+      distance = beyond_corner<3>(seen.cwiseAbs(), solid.sizes, out);
       for (int i = 0; i < 3; ++i) out[i] *= sign(seen[i]);
       break;
     }
     case Solid::kCylinder: {
       const double across = std::hypot(seen.x(), seen.y());
       Eigen::Vector2d gradient;
-      distance =
-          beyond_corner<2>({across, std::abs(seen.z())}, solid.sizes.head<2>(), gradient).distance;
+      distance = beyond_corner<2>({across, std::abs(seen.z())}, solid.sizes.head<2>(), gradient);
       const Eigen::Vector2d radial =
           across > kNoDirection ? Eigen::Vector2d(seen.head<2>() / across) : Eigen::Vector2d(1, 0);
       out << gradient[0] * radial, gradient[1] * sign(seen.z());

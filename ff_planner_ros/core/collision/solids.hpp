@@ -42,21 +42,21 @@ struct Gap {
 
 // The distance of a point from a box around the origin, and its gradient; both without signs.
 template <int N>
-Gap beyond_corner(const Eigen::Matrix<double, N, 1>& point,
-                  const Eigen::Matrix<double, N, 1>& corner,
-                  Eigen::Matrix<double, N, 1>& gradient) {
+double beyond_corner(const Eigen::Matrix<double, N, 1>& point,
+                     const Eigen::Matrix<double, N, 1>& corner,
+                     Eigen::Matrix<double, N, 1>& gradient) {
   const Eigen::Matrix<double, N, 1> beyond = point - corner;
   gradient = beyond.cwiseMax(0);
   const double length = gradient.norm();
   if (length > kNoDirection) {
     gradient /= length;
-    return {length, {}, {}};
+    return length;
   }
   int nearest;
   const double depth = beyond.maxCoeff(&nearest);
   gradient.setZero();
   gradient[nearest] = 1;
-  return {depth, {}, {}};
+  return depth;
 }
 
 // Of two solids whose cores touch or are in each other.
