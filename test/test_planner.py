@@ -227,7 +227,7 @@ def test_joint_rates_are_kept_within_their_limits_where_they_are_limited(
     limit = 0.9 * np.abs(shortest.trajectory.joint_velocities).max()
     robot = replace(capture.robot, velocity_limits=np.full(7, limit))
     slow = replace(capture, robot=robot, objective=LENGTH, limits=Limits(joint_velocities=True))
-    answer = plan(slow, replace(settings, starts=1))
+    answer = plan(slow, settings)
     _, _, rates, _ = joints_between(answer.trajectory, 1000)
     fastest = np.abs(rates).max()
     assert fastest == pytest.approx(limit, rel=3e-4)
