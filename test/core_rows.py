@@ -15,7 +15,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, chain_of, obstacles_of
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.search_certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.optimisation.program import _motion_of
 from ff_planner_ros.planning.paths.path_family import Motion, PathFamily, Sensitivity
 from ff_planner_ros.planning.problem.problem import Obstacle

@@ -13,12 +13,9 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     before_contact,
     split_obstacles,
     split_pairs,
-    split_spheres,
 )
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.start_room import (
-    room_of_bodies,
-    room_of_lines,
     room_of_obstacles,
 )
 from ff_planner_ros.planning.paths.path_family import Motion
@@ -34,34 +31,20 @@ _WITHIN = 0.9
 _SHORT, _GAINED = 0.5, 0.25
 
 
-def clearance(problem: PlanningProblem, motion: Motion, near: Rows, margin: float) -> Rows:
-    """Return distances of near lines less the margin, at points and half-way between [m].
+def clear_of_itself(problem: PlanningProblem, motion: Motion, near: Rows, margin: float) -> Rows:
+    """Return distances of near pairs of bodies less the margin, at points and half-way [m].
 
     Args:
         near: Distances, of which nothing is left out.
     """
-    times = times_looked_at(problem.duration, len(motion.q))
-    margins = margins_of_rows(margin, room_of_lines(problem), near.names, times)
-    return near._replace(values=near.values - margins)
-
-
-def self_clearance(problem: PlanningProblem, motion: Motion, near: Rows, margin: float) -> Rows:
-    """Return likewise those of pairs of bodies."""
     count = len(problem.robot.pairs)
     kept = without_allowed(problem, motion, near, count, split_pairs(problem))
     margins = margins_of_pairs(problem, margin)
     return kept._replace(values=kept.values - margins[kept.names % count])
 
 
-def body_clearance(problem: PlanningProblem, motion: Motion, near: Rows, margin: float) -> Rows:
-    """Return likewise those of bodies from spheres."""
-    return without_margins(
-        problem, motion, near, margin, room_of_bodies(problem), split_spheres(problem)
-    )
-
-
-def obstacle_clearance(problem: PlanningProblem, motion: Motion, near: Rows, margin: float) -> Rows:
-    """Return likewise those of bodies from obstacles."""
+def clear_of_obstacles(problem: PlanningProblem, motion: Motion, near: Rows, margin: float) -> Rows:
+    """Return likewise those of bodies, or lines, from obstacles."""
     return without_margins(
         problem, motion, near, margin, room_of_obstacles(problem), split_obstacles(problem)
     )

@@ -38,10 +38,8 @@ ROWS = {
     "wheels": loads.wheels,
 }
 DISTANCES = {
-    "body_clearance": distances.body_clearance,
-    "clearance": distances.clearance,
-    "obstacle_clearance": distances.obstacle_clearance,
-    "self_clearance": distances.self_clearance,
+    "clear_of_itself": distances.clear_of_itself,
+    "clear_of_obstacles": distances.clear_of_obstacles,
 }
 
 

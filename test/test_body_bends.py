@@ -22,13 +22,19 @@ from bodied_robots import (
 )
 from robots import random_state
 from straight_arms import ball, straight_arm, told
+from test_core import chain_robot
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.body_motion import bends_beside, pair_bends
-from ff_planner_ros.planning.distance.certificate import cubics_between
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_place
+from ff_planner_ros.planning.distance.body_motion import (
+    bends_beside,
+    body_ways,
+    cubics_between,
+    pair_bends,
+)
+from ff_planner_ros.planning.distance.surroundings import Surroundings, obstacle_place
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -119,7 +125,7 @@ def test_neither_obstacle_nor_body_bends_more_as_the_other_sees_it(seed: int, pa
         *tumbling_spheres(rng, q[0, :3], 2),
         *random_obstacles(rng, q[0, :3], 8),
     )
-    bodies = [body_placements(robot, at) for at in q]
+    bodies, around = [body_placements(robot, at) for at in q], Surroundings(obstacles)
     shares = []
     for number, obstacle in enumerate(obstacles):
         there = [obstacle_place(obstacle, float(time)) for time in times]
@@ -132,7 +138,7 @@ def test_neither_obstacle_nor_body_bends_more_as_the_other_sees_it(seed: int, pa
             which = np.array([body * len(obstacles) + number])
             step = np.array([BEGIN]), np.array([END])
             (of_obstacle,), (of_body,) = bends_beside(
-                robot, motion, obstacles, which, *step, np.array([apart])
+                robot, motion, around, which, *step, np.array([apart])
             )
             for happens, bound in (
                 (sharpest(points, there, here), of_obstacle),
@@ -141,6 +147,61 @@ def test_neither_obstacle_nor_body_bends_more_as_the_other_sees_it(seed: int, pa
                 assert happens <= bound + 1e-9
                 shares.append(happens / bound)
     assert max(shares) > SHARE
+
+
+def ends_of_lines(robot: Robot, q: Array) -> Array:
+    """Where joints and end effector are, by Pinocchio. Shape (configurations, joints + 1, 3)."""
+    data, found = robot.model.createData(), []
+    for at in q:
+        pin.forwardKinematics(robot.model, data, at)
+        tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation.copy()
+        found.append([*(data.oMi[2 + k].translation.copy() for k in range(robot.joints)), tip])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_point_of_a_line_moves_or_bends_more_though_its_end_slides(seed: int) -> None:
+    """A line grows and shrinks: a point of it is a part of the way from its begin to its end."""
+    of_bodies, rng = random_robot(seed), np.random.default_rng(seed)
+    robot = with_bodies(replace(of_bodies, bodies=(), pairs=()))
+    motion = random_cubics(robot, seed)
+    q, times = between(robot, motion)
+    obstacles = random_obstacles(rng, q[0, :3], 4)
+    ends, shares, data = ends_of_lines(robot, q), [], robot.model.createData()
+    axes = []
+    for at in q:
+        pin.forwardKinematics(robot.model, data, at)
+        axes.append([frame.rotation.copy() for frame in data.oMi])
+    ways = body_ways(robot, motion)[1] * (END - BEGIN)
+    for number, body in enumerate(robot.bodies):
+        start = body.joint - 2
+        parts = np.linspace(0.0, 1.0, 5)[:, None, None]
+        line = (1.0 - parts) * ends[:, start] + parts * ends[:, start + 1]  # (parts, times, 3)
+        speed = np.linalg.norm(np.diff(line, axis=1), axis=-1).max() / PARTS[1]
+        assert speed <= ways[number] + 1e-9
+        to_link = np.array(axes)[:, body.joint].swapaxes(1, 2)
+        for index, obstacle in enumerate(obstacles):
+            there = [obstacle_place(obstacle, float(time)) for time in times]
+            (of_obstacle,), (of_line,) = bends_beside(
+                robot,
+                motion,
+                Surroundings(obstacles),
+                np.array([number * len(obstacles) + index]),
+                np.array([BEGIN]),
+                np.array([END]),
+                np.array([5.0]),
+            )
+            seen = np.array(
+                [[at.actInv(p) for at, p in zip(there, one, strict=True)] for one in line]
+            )
+            origin = np.array([at.translation for at in there])
+            off = np.einsum("tij,ptj->pti", to_link, origin - line)
+            for points, bound in ((seen, of_line), (off, of_obstacle)):
+                second = np.diff(points, 2, axis=1) / PARTS[1] ** 2
+                happens = float(np.linalg.norm(second, axis=-1).max())
+                assert happens <= bound + 1e-9
+                shares.append(happens / bound)
+    assert max(shares) > SHARE / 2
 
 
 # A chaser of 0.2 m in the first joint, a ball in the elbow, and one of 0.1 m at the tip.
@@ -186,15 +247,37 @@ def test_what_obstacles_do_adds_to_what_the_arm_does() -> None:
     """A sphere of 0.1 m that flies by at 2 m/s, 0.5 m from the tip's near side."""
     rock = Obstacle.sphere("rock", [5.0, 0.0, 0.0], 0.1, [0.0, 2.0, 0.0])
     motion, apart = steady(0.3, 0.0), np.array([0.5])
-    of_rock, of_tip = bends_beside(ARM, motion, (rock,), TIP, *WHOLE, apart)[:, 0]
+    of_rock, of_tip = bends_beside(ARM, motion, Surroundings((rock,)), TIP, *WHOLE, apart)[:, 0]
     assert of_tip == pytest.approx(1.7 * 0.3**2, rel=1e-12)
     assert of_rock == pytest.approx((1.7 + 0.6) * 0.3**2 + 2 * 0.3 * 2.0, rel=1e-12)
     # One that turns at 0.2 rad/s shows the tip's far side a place 0.4 + 0.5 + 0.2 m away, at most.
     solid = Solid("capsule", np.array([0.1, 0.6]))
     rod = Obstacle("rod", solid, RigidMotion([5.0, 0.0, 0.0], angular_velocity=[0.0, 0.0, 0.2]))
-    of_rod, of_tip = bends_beside(ARM, motion, (rod,), TIP, *WHOLE, apart)[:, 0]
+    of_rod, of_tip = bends_beside(ARM, motion, Surroundings((rod,)), TIP, *WHOLE, apart)[:, 0]
     swung = 2 * 0.2**2 * 0.4
     seen = 2 * 0.2**2 * 1.1 + 2 * 0.2 * (0.08 + 1.7 * 0.3) + 1.7 * 0.3**2 + swung
     assert of_tip == pytest.approx(seen, rel=1e-12)
     moved = (1.7 + 0.5 + 0.8) * 0.3**2 + 2 * 0.3 * 0.08 + swung
     assert of_rod == pytest.approx(moved, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["free3", "planar3"])
+def test_cubics_go_through_both_configurations_at_both_velocities(name: str) -> None:
+    """Far apart, and turned by more than a radian between two points."""
+    robot, rng = chain_robot(name), np.random.default_rng(2)
+    model, tiny = robot.model, 1e-6
+    q, _ = configuration(robot, random_state(robot, rng))
+    rows = [q]
+    for way in rng.normal(scale=0.7, size=(3, model.nv)):
+        rows.append(pin.integrate(model, rows[-1], way))
+    v, steps = rng.normal(size=(4, model.nv)), np.array([0.3, 1.0, 2.0])
+    for k, cubic in enumerate(cubics_between(robot, np.array(rows), v, steps)):
+
+        def at(part: float, k: int = k, cubic: Array = cubic) -> Array:
+            return np.asarray(pin.integrate(model, rows[k], part ** np.arange(1, 4) @ cubic))
+
+        for end, part in enumerate((0.0, 1.0)):
+            away = pin.difference(model, rows[k + end], at(part))
+            assert np.abs(away).max() < 1e-9
+            rate = pin.difference(model, at(part - tiny), at(part + tiny)) / (2 * tiny)
+            assert rate == pytest.approx(steps[k] * v[k + end], abs=1e-6)

@@ -9,18 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from near_bodies import sphere_bounds, sphere_distances
 from straight_arms import ball, straight_arm
 from test_body_distances import all_pairs, configurations, every_row, spheres_around
 
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
-from ff_planner_ros.planning.distance.body_distances import (
-    _as_spheres,
-    pair_bounds,
-    pair_distances,
-    sphere_bounds,
-    sphere_distances,
-)
+from ff_planner_ros.planning.distance.body_distances import pair_bounds, pair_distances
 from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
+from ff_planner_ros.planning.distance.solids_apart import between_spheres
 
 ARM = straight_arm(
     0.4,
@@ -74,16 +70,13 @@ def test_no_distance_is_below_its_bound(seed: int) -> None:
 
 
 def test_where_coal_fails_the_spheres_around_both_stand_for_them() -> None:
-    placed = placed_bodies(ARM, np.array([[0.0, 0.0], [0.0, np.pi]]))
-    distance, point, normal = _as_spheres(ARM, placed, np.intp(0), np.intp(0))
-    assert distance == pytest.approx(2.0 - 0.3, abs=1e-12)
+    ends = np.zeros(3), np.array([1.9, 0.0, 0.0])
+    distance, point, normal = between_spheres(*ends, 0.2, 0.1)
+    assert distance == pytest.approx(1.9 - 0.3, abs=1e-12)
     assert point == pytest.approx([1.9, 0.0, 0.0], abs=1e-12)
     assert normal == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
-    folded, _, _ = _as_spheres(ARM, placed, np.intp(1), np.intp(0))
-    assert folded == pytest.approx(1.0 - 0.3, abs=1e-12)
     # One in the middle of the other has no direction, and is as deep as both radii.
-    together = placed._replace(centers=np.zeros_like(placed.centers))
-    distance, _, normal = _as_spheres(ARM, together, np.intp(0), np.intp(0))
+    distance, _, normal = between_spheres(np.zeros(3), np.zeros(3), 0.2, 0.1)
     assert (distance, float(np.linalg.norm(normal))) == (pytest.approx(-0.3), 1.0)
 
 

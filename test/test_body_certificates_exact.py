@@ -12,24 +12,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from near_bodies import certified_clearance, least_distance
 from straight_arms import ball, panel_about, straight_arm, told, turning
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance import body_certificate, certificate
-from ff_planner_ros.planning.distance.body_certificate import (
-    EXACT_PART,
-    least_pair_distance,
-    least_sphere_distance,
-)
-from ff_planner_ros.planning.distance.body_distances import Distances, sphere_distances
+from ff_planner_ros.planning.distance import body_certificate
+from ff_planner_ros.planning.distance.body_certificate import CHECK_GAP, least_pair_distance
 from ff_planner_ros.planning.distance.body_motion import body_ways, pair_ways
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
-from ff_planner_ros.planning.distance.clearance import clearances
 from ff_planner_ros.planning.distance.moving_place import least_margin
 from ff_planner_ros.planning.distance.search_certificate import (
+    CERTIFICATE_GAP,
     search_distance,
     search_pair_distance,
 )
+from ff_planner_ros.planning.distance.solids_apart import Distances
 from ff_planner_ros.planning.motion import certified_least
 from ff_planner_ros.planning.motion.certified_least import NOTHING, Least, least_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion
@@ -54,7 +50,7 @@ REST = told(TIMES, STILL, STILL)
 
 def require(least: Least, searched: float, true: float, part: float = 0.0) -> None:
     """Hold both certificates against the true distance, and each against its gap."""
-    gap = max(CERTIFICATE_GAP, EXACT_PART * true) + 1e-9
+    gap = CHECK_GAP + 1e-9
     assert true - gap <= least.certified <= true + 1e-9
     assert true - 1e-9 <= least.found <= least.certified + gap
     gap = max(CERTIFICATE_GAP, part * true) + 1e-9
@@ -72,7 +68,7 @@ def spheres_are(
     """Require the least distance of bodies from spheres."""
     every = range(3 * len(spheres)) if chosen is None else chosen
     asked = ARM, motion, spheres, np.array(every, np.intp), last
-    least = least_sphere_distance(*asked)
+    least = least_distance(*asked)
     require(least, search_distance(*asked, part), true, part)
     return least
 
@@ -252,7 +248,7 @@ def test_at_the_first_point_alone_every_pair_and_sphere_is_measured() -> None:
     fields = ("time", "q", "v", "joint_accelerations")
     left = replace(REST, maps=None, **{name: getattr(REST, name)[:1] for name in fields})
     assert least_pair_distance(ARM, left, np.arange(1), 0).certified == pytest.approx(1.3)
-    found = least_sphere_distance(ARM, left, rocks, np.arange(6), 0)
+    found = least_distance(ARM, left, rocks, np.arange(6), 0)
     assert found.certified == pytest.approx(0.15)
 
 
@@ -310,23 +306,29 @@ def test_the_lesser_of_two_keeps_the_lower_certificate_of_both() -> None:
         assert found == Least(0.19, 0.2, 3, 1.0)
 
 
-@pytest.mark.parametrize("rate", [30.0, 300.0])
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Let few pieces be looked at; return how many distances are measured, call by call."""
+    looked_at, measure = list[int](), body_certificate.obstacle_distances
+
+    def counting(*asked: Any) -> Distances:
+        looked_at.append(len(asked[-1][0]))
+        return measure(*asked)
+
+    monkeypatch.setattr(body_certificate, "obstacle_distances", counting)
+    monkeypatch.setattr(certified_least, "MOST_PIECES", 1 << 9)
+    return looked_at
+
+
+@pytest.mark.parametrize("rate", [100.0, 300.0])
 def test_a_motion_too_fast_to_certify_closely_ends_with_a_lower_bound(
     rate: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The tip circles below a sphere at a constant distance, so that no piece is decided early."""
-    looked_at = list[int]()
-
-    def counted(*asked: Any) -> Distances:
-        looked_at.append(len(asked[-1][0]))
-        return sphere_distances(*asked)
-
-    monkeypatch.setattr(body_certificate, "sphere_distances", counted)
-    monkeypatch.setattr(certified_least, "MOST_PIECES", 1 << 9)
+    looked_at = counted(monkeypatch)
     motion = turning(TIMES, np.array([-0.4 * rate, 0.0]), np.array([rate, 0.0]))
     above = [Obstacle.sphere("above", [0.0, 0.0, 0.5], 0.05)]
-    least = least_sphere_distance(ARM, motion, above, np.array([TIP]), LAST)
-    assert sum(looked_at) < 1 << 11
+    least = least_distance(ARM, motion, above, np.array([TIP]), LAST)
+    assert sum(looked_at) < 1 << 13
     true = np.hypot(1.6, 0.5) - 0.15
     assert least.certified < true - CERTIFICATE_GAP
     assert least.found == pytest.approx(true)
@@ -336,14 +338,7 @@ def test_centre_lines_too_fast_to_certify_closely_end_with_a_lower_bound(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As above, of an arm without bodies."""
-    looked_at = list[int]()
-
-    def counted(*asked: Any) -> Any:
-        looked_at.append(len(asked[1]))
-        return clearances(*asked)
-
-    monkeypatch.setattr(certificate, "clearances", counted)
-    monkeypatch.setattr(certificate, "_MOST_PIECES", 1 << 9)
+    looked_at = counted(monkeypatch)
     lines = straight_arm(0.0, 1.0, 0.6)
     motion = turning(TIMES, np.array([-120.0, 0.0]), np.array([300.0, 0.0]))
     beside = [Obstacle.sphere("around", [0.0, 0.0, 0.5], 0.05)]

@@ -18,18 +18,17 @@ from bodied_robots import (
     tumbling_spheres,
 )
 from core_rows import CoreRows, distances_of_core, pair_distances_of_core, rows_along
+from near_bodies import sphere_distances
 from robots import random_state
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import bodies_of, sphere_arrays
+from ff_planner_ros.core.conversions import bodies_of
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
-    distance_from,
+    obstacle_gradients,
     pair_distances,
     pair_gradients,
-    sphere_distances,
-    sphere_gradients,
 )
 from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.problem.problem import Obstacle
@@ -90,7 +89,11 @@ def every_row(*counts: int) -> tuple[Array, ...]:
 def test_a_point_is_as_far_from_a_solid_as_geometry_says(
     solid: coal.CollisionGeometry, point: list[float], distance: float
 ) -> None:
-    assert distance_from(a_body(solid), np.array(point)) == pytest.approx(distance, abs=1e-12)
+    robot = replace(random_robot(1), bodies=(a_body(solid),), pairs=())
+    placed = placed_bodies(robot, np.zeros((1, robot.joints)))
+    center = (placed.positions[0, 0] + placed.rotations[0, 0] @ point)[None, None]
+    found = sphere_distances(robot, placed, center, np.array([0.1]), every_row(1, 1, 1))
+    assert found.distance == pytest.approx([distance - 0.1], abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -214,7 +217,7 @@ def test_bodies_move_against_spheres_as_their_derivatives_say(seed: int) -> None
 
     placed = placed_bodies(robot, q[:, 7:])
     here = sphere_distances(robot, placed, centers_in_base(q, centers), radius, rows)
-    gradients = sphere_gradients(robot, placed, here, rows)
+    gradients = obstacle_gradients(robot, placed, here, rows)
     assert (here.distance < 0.0).sum() > 10
     for number, unit in enumerate(np.eye(robot.model.nv)):
         ahead, behind = (
@@ -265,7 +268,7 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     rows = every_row(12, len(robot.bodies), 9)
     seen = centers_in_base(q, centers + times[:, None, None] * velocities)
     truth = sphere_distances(robot, placed, seen, radius, rows)
-    gradients = sphere_gradients(robot, placed, truth, rows)
+    gradients = obstacle_gradients(robot, placed, truth, rows)
     spheres = [
         Obstacle.sphere(str(k), *one)
         for k, one in enumerate(zip(centers[0], radius, velocities, strict=True))
@@ -298,10 +301,10 @@ def test_the_core_knows_where_spheres_are_that_are_fixed_to_a_tumbling_body(seed
     q[:, :3] = q[:1, :3]
     spheres = tumbling_spheres(rng, q[0, :3], 9)
     rows = every_row(12, len(robot.bodies), 9)
-    placed, (_, _, radius) = placed_bodies(robot, q[:, 7:]), sphere_arrays(spheres)
+    placed, radius = placed_bodies(robot, q[:, 7:]), np.array([one.radius for one in spheres])
     seen = centers_in_base(q, centers_at(times, spheres))
     truth = sphere_distances(robot, placed, seen, radius, rows)
-    gradients = sphere_gradients(robot, placed, truth, rows)
+    gradients = obstacle_gradients(robot, placed, truth, rows)
     found = distances_of_core(robot, q, times, spheres, 0.6)
     require_rows(
         found,

@@ -11,18 +11,14 @@ import pinocchio as pin
 import pytest
 from bodied_robots import body_placements, coal_distance, collision, random_solid
 from exact_solids import Placed, signed_distance
+from near_bodies import least_distance
 from scipy.spatial.transform import Rotation
 from straight_arms import ball, straight_arm, told
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.body_certificate import (
-    EXACT_PART,
-    least_obstacle_distance,
-    least_sphere_distance,
-)
-from ff_planner_ros.planning.distance.body_distances import Distances
+from ff_planner_ros.planning.distance.body_certificate import CHECK_GAP
 from ff_planner_ros.planning.distance.body_gaps import Solids, arcs_of, measured
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.solids_apart import Distances
 from ff_planner_ros.planning.motion.certified_least import Known, Pieces, parabola_bounds
 from ff_planner_ros.planning.problem.problem import Obstacle, RigidMotion
 from ff_planner_ros.robot.collision.solids import Solid
@@ -190,8 +186,8 @@ def test_a_hand_that_passes_thin_plates_which_turn_is_certified_closely(spin: fl
             coal_distance(solids[0], at[body], solids[1], there)
             for at, there in zip(bodies, places, strict=True)
         )
-        least = least_obstacle_distance(arm, motion, plates, np.array([number]), len(times) - 1)
-        exact = max(CERTIFICATE_GAP, EXACT_PART * least.found)
+        least = least_distance(arm, motion, plates, np.array([number]), len(times) - 1)
+        exact = CHECK_GAP
         assert least.found - exact <= least.certified <= dense + 1e-6
         near += dense < 0.05
     assert near > 2
@@ -205,10 +201,10 @@ def test_what_flies_along_a_face_is_certified_to_be_as_far_as_it_is() -> None:
     motion, last = told(times, still, still), len(times) - 1
     place, velocity = [-0.7, 0.2, 1.103], [0.7, -0.1, 0.0]
     flying = Obstacle.sphere("ball", place, 0.1, velocity)
-    least = least_sphere_distance(arm, motion, [flying], np.zeros(1, np.intp), last)
+    least = least_distance(arm, motion, [flying], np.zeros(1, np.intp), last)
     assert least.certified == pytest.approx(0.003, abs=1e-9)
     turned = Obstacle(
         "box", Solid("box", np.array([0.3, 0.1, 0.2])), RigidMotion(place, velocity=velocity)
     )
-    least = least_obstacle_distance(arm, motion, [turned], np.zeros(1, np.intp), last)
+    least = least_distance(arm, motion, [turned], np.zeros(1, np.intp), last)
     assert least.certified == pytest.approx(0.003, abs=1e-6)

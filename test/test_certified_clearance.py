@@ -11,13 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from core_rows import certified_by_core
+from near_bodies import certified_clearance
 from scipy.optimize import minimize_scalar
 from straight_arms import panel_about, straight_arm, told, turning
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance import certificate
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
-from ff_planner_ros.planning.distance.search_certificate import search_distance
+from ff_planner_ros.planning.distance.body_certificate import CHECK_GAP
+from ff_planner_ros.planning.distance.search_certificate import CERTIFICATE_GAP, search_distance
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import (
@@ -28,7 +28,7 @@ from ff_planner_ros.planning.problem.problem import (
     attached,
 )
 from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
-from ff_planner_ros.planning.requirements.clearance import Clearance
+from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
 from ff_planner_ros.robot.configuration import system_state
 
 # The first joint is in the origin: the arm of 1 m sweeps the circle about it.
@@ -40,7 +40,7 @@ REST = told(TIMES, np.zeros((5, 1)), np.zeros((5, 1)))
 def require(motion: FollowedMotion, spheres: Sequence[Obstacle], true: float) -> None:
     """Hold both certificates against the true clearance, and each against its gap."""
     asked = ARM, motion.q, motion.v, motion.time, spheres
-    assert true - certificate.LINES_GAP - 1e-9 <= certified_clearance(*asked) <= true + 1e-9
+    assert true - CHECK_GAP - 1e-9 <= certified_clearance(*asked) <= true + 1e-9
     assert true - CERTIFICATE_GAP - 1e-9 <= certified_by_core(*asked) <= true + 1e-9
 
 
@@ -219,7 +219,7 @@ def test_the_search_takes_a_closer_look_at_what_it_may_touch(true: float) -> Non
         objective=Objective(1.0, 0.0),
         posture=Posture(at_rest=True),
     )
-    left = Clearance().slack(problem, motion)
+    left = ClearOfObstacles().slack(problem, motion)
     assert min(true - CERTIFICATE_GAP, 0.0) <= left <= true
 
 

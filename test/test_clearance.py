@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -17,12 +15,10 @@ from ff_planner_ros.planning.distance.clearance import (
     arm_points_with_derivatives,
     clearance_gradients,
     clearances,
-    may_be_nearest,
     penalty,
     segments,
 )
-from ff_planner_ros.planning.problem.obstacles import Obstacle, attached
-from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
@@ -159,36 +155,6 @@ def test_distances_are_those_of_densely_sampled_segments(urdf: tuple[str, str, s
         assert abs(clear.fraction[point, segment, number] - fractions[to_center.argmin(), 0]) < (
             1e-3
         ), where
-
-
-@pytest.mark.parametrize("on_body", [False, True])
-def test_only_what_is_surely_further_may_not_be_nearest(lemur: Robot, on_body: bool) -> None:
-    """A tumbling body brings its sphere to the arm and takes it away, all between the ends."""
-    rng = np.random.default_rng(7)
-    positions = arm_points(lemur, random_configurations(lemur, 9, seed=8)[:1].repeat(9, axis=0))
-    times, starts = times_of(positions), segments(positions)
-    spheres = [
-        Obstacle.sphere(
-            f"s{k}", rng.uniform(-5.0, 5.0, 3), rng.uniform(0.05, 0.2), rng.normal(size=3) / 5
-        )
-        for k in range(300)
-    ]
-    if on_body:
-        turn = np.array([0.0, 0.0, 2.0 * np.pi / times[-1]])
-        beside = positions[0, 3] + np.array([4.0, 0.0, 0.0])
-        still = np.zeros(3)
-        body = TargetBody(beside, UPRIGHT, np.eye(3), still, UPRIGHT, still, turn)
-        fixed = AttachedObstacle.sphere("fixed", np.array([4.0, 0.0, 0.0]), 0.5)
-        spheres += attached(replace(body, obstacles=(fixed,)))
-    distance = clearances(positions, times, starts, spheres).distance.min(axis=(0, 1))
-    for moved in (0.0, rng.uniform(0.0, 0.5, len(spheres))):
-        kept = may_be_nearest(positions, times, starts, spheres, moved)
-        needed = np.flatnonzero(distance - moved <= distance.min())
-        assert {spheres[k].id for k in needed} <= {one.id for one in kept}
-        assert kept == [one for one in spheres if one in kept]
-        assert len(kept) < len(spheres) / 2
-    if on_body:
-        assert distance.argmin() == 300
 
 
 def test_gradients_of_distances_are_those_of_differences(urdf: tuple[str, str, str]) -> None:

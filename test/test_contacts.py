@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodied_robots import random_obstacles
+from near_bodies import distances_from
 from straight_arms import straight_arm
 from test_body_distances import configurations, every_row
 
@@ -18,10 +19,6 @@ from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    obstacle_distances,
-    seen_from_chaser,
-)
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import (
     Obstacle,
@@ -160,8 +157,8 @@ def test_obstacles_of_any_shape_are_in_mujoco_as_coal_measures_them(
     deep = depths(engine, in_mujoco, float(time[0]))
     placed = placed_bodies(robot, q[None, 7:])
     ordered = Scene(obstacles).obstacle_bodies
-    poses, rows = seen_from_chaser(q[None], time, ordered), every_row(1, len(robot.bodies), 15)
-    found = obstacle_distances(robot, placed, poses, ordered, rows).distance
+    rows = every_row(1, len(robot.bodies), 15)
+    found = distances_from(robot, placed, q[None], time, ordered, rows).distance
     model, data = engine._model, engine._data
     seen = 0
     for _, body, number, distance in zip(*rows, found, strict=True):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bodied_robots import random_robot
 from core_rows import rows_along
+from near_bodies import sphere_distances
 from reference_distance_rows import in_order, with_quarters
 from test_body_distances import dense_rows, every_row, require_rows, spheres_around
 
@@ -13,7 +14,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, obstacles_of
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
-from ff_planner_ros.planning.distance.body_distances import sphere_distances, sphere_gradients
+from ff_planner_ros.planning.distance.body_distances import obstacle_gradients
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, times_looked_at
 
@@ -52,7 +53,7 @@ def test_a_quarter_of_the_way_is_that_of_the_parabola(seed: int) -> None:
     rows, placed = every_row(len(there), len(robot.bodies), 4), placed_bodies(robot, there[:, 7:])
     seen = centers_in_base(there, np.tile(centers, (len(there), 1, 1)))
     truth = sphere_distances(robot, placed, seen, radii, rows)
-    gradients = sphere_gradients(robot, placed, truth, rows)
+    gradients = obstacle_gradients(robot, placed, truth, rows)
     require_rows(found, truth.distance, dense_rows(gradients, by_x, rows[0]), FAR, f"seed {seed}")
 
 

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 import reference_clearance
 from core_rows import EACH, certified_by_core, resting_paths
+from near_bodies import certified_clearance
 from reference_objectives import chaser_euler, joint_path
 from robots import random_state
 from test_core import FREE, PLANAR, SLIDING, agree, chain_robot
@@ -17,8 +18,8 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures, measure
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
 from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.distance.search_certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.problem.problem import Obstacle, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.search.planner import plan

@@ -253,7 +253,7 @@ def test_a_collision_between_the_points_is_told_as_such(
     arm = arm_points(lemur_capture.robot, motion.q)
     point = Obstacle.sphere("point", place, 1e-9)
     near = clearances(arm, motion.time, segments(arm), [point]).distance.min()
-    dish = Obstacle.sphere("dish", place, float(near) - 1e-9)
+    dish = Obstacle.sphere("dish", place, float(near) - 6.5e-5)
     (failure,) = failures(replace(lemur_capture, obstacles=(dish,)), sound, settings)
     assert "may touch obstacle dish" in failure.finding
     assert re.search(r"all that is certain is a clearance of -0\.\d+ mm", failure.finding)

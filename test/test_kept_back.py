@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from core_rows import distances_of_core
+from near_bodies import bounds_from, distances_from
 from robots import CONFIG, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
@@ -21,11 +22,6 @@ from straight_arms import ball, straight_arm
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    obstacle_bounds,
-    obstacle_distances,
-    seen_from_chaser,
-)
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.problem.approach import Approach
@@ -192,13 +188,12 @@ def test_a_solid_that_is_grown_is_all_that_is_within_a_distance_of_it(kind: str)
         ):
             count = len(robot.bodies)
             placed, none = placed_bodies(robot, q[:, 7:]), np.zeros(count, np.intp)
-            poses = seen_from_chaser(q, np.zeros(1), [one])
             rows = none, np.arange(count), none
-            of_coal = obstacle_distances(robot, placed, poses, [one], rows).distance
+            of_coal = distances_from(robot, placed, q, np.zeros(1), [one], rows).distance
             interest = float(of_coal.max()) + 1e-3  # so much that none may be left out
             of_core = distances_of_core(robot, q, np.zeros(1), [one], interest).values
             np.testing.assert_allclose(of_core, of_coal, atol=1e-6)
-            bounds = obstacle_bounds(robot, placed, q, np.zeros(1), [one])[0, :, 0]
+            bounds = bounds_from(robot, placed, q, np.zeros(1), [one])[0, :, 0]
             assert (bounds <= of_coal + 1e-9).all()
             least.append(of_coal)
         np.testing.assert_allclose(least[1], least[0] - amount, atol=2e-6)

@@ -30,7 +30,7 @@ from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Target
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
+from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
@@ -121,7 +121,7 @@ def test_what_is_let_go_of_at_the_last_moment_alone_is_measured_then() -> None:
         )
     metrics = measure(problem, plan.trajectory, SETTINGS)
     assert 0.0 < metrics.min_clearance < np.inf
-    assert ObstacleClearance().slack(problem, motion) > 0.0
+    assert ClearOfObstacles().slack(problem, motion) > 0.0
 
 
 def test_a_robust_plan_lets_go_of_what_is_grasped() -> None:
@@ -136,12 +136,12 @@ def test_the_search_asks_nothing_of_what_is_touched_until_it_has_gone_so_far() -
     problem = captured()
     family = path_families(problem, SETTINGS)[0][0]
     motion = family.motion(let_go().coefficients, problem.points)
-    robot, others = problem.robot, len(problem.obstacle_bodies)
-    ring = [one.id for one in problem.obstacle_bodies].index("ring_0")
+    robot, others = problem.robot, len(problem.obstacles)
+    ring = [one.id for one in problem.obstacles].index("ring_0")
     tool = [number for number, body in enumerate(robot.bodies) if body.link == "link_7"]
 
     def asked(problem: PlanningProblem) -> set[int]:
-        required = ObstacleClearance().in_core(problem, problem.points, 0.002)
+        required = ClearOfObstacles().in_core(problem, problem.points, 0.002)
         found = rows_of_motion(robot, required, motion)
         at, numbers = np.divmod(found.names, len(robot.bodies) * others)
         return set(at[np.isin(numbers, np.array(tool) * others + ring)].tolist())

@@ -309,6 +309,6 @@ def test_an_allowed_contact_of_the_start_counts_once_the_tool_was_away(
     scene = Scene((held, SPHERES[1]), ("link_2/rock", "link_1/rock"), 0.25)
     found = nearness(BODIES, q, TIMES, scene).distance
     touching = np.zeros(found.shape, bool)
-    touching[:3, 2, [one.id == "rock" for one in (*scene.spheres, *scene.obstacle_bodies)]] = True
+    touching[:3, 2, [one.id == "rock" for one in scene.obstacles]] = True
     assert (np.isinf(found) == touching).all()
     assert found.min() == pytest.approx(-0.05, abs=1e-6)

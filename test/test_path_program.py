@@ -46,9 +46,8 @@ from ff_planner_ros.planning.problem.problem import (
     lasting,
 )
 from ff_planner_ros.planning.requirements import requirements_of
-from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
-from ff_planner_ros.planning.requirements.clearance import Clearance
-from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
+from ff_planner_ros.planning.requirements.clear_of_itself import ClearOfItself
+from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
 from ff_planner_ros.planning.robust.back_off import no_back_off, tighten
 from ff_planner_ros.planning.robust.margins import CORRIDOR
 from ff_planner_ros.planning.scenario.scenario import load_scenario
@@ -207,7 +206,7 @@ for which in LOADED:
     PROBLEMS[f"loaded {which}"] = lambda draw=PROBLEMS[which]: loaded(draw())
 # Drawn longer than all others together, with the requirements of "all features 0".
 ONCE_MORE = ("all features 1", "all features 2")
-DISTANCES = {BodyClearance.name, SelfClearance.name, ObstacleClearance.name}
+DISTANCES = {ClearOfObstacles.name, ClearOfItself.name}
 
 
 def programs(problem: PlanningProblem) -> Iterator[tuple[PathProgram, np.ndarray]]:
@@ -283,11 +282,11 @@ def test_a_line_that_slides_out_of_nothing_keeps_its_own_room() -> None:
     assert len(segments(arm_points(problem.robot, q_start[None]))) < problem.robot.joints - 2
     (family, *_), *_ = path_families(problem, SETTINGS)
     motion = family.motion(next(family.first_guesses(problem.obstacles, 13, 0.0)), 50)
-    asked = Clearance().in_core(problem, len(motion.q), margin)
+    asked = ClearOfObstacles().in_core(problem, len(motion.q), margin)
     rows = rows_of_motion(problem.robot, asked, motion)
     lines = np.array([body.joint - 2 for body in with_bodies(problem.robot).bodies])
-    at, pair = np.divmod(rows.names, len(lines) * len(problem.spheres))
-    line, sphere = np.divmod(pair, len(problem.spheres))
+    at, pair = np.divmod(rows.names, len(lines) * len(problem.obstacles))
+    line, sphere = np.divmod(pair, len(problem.obstacles))
     joint = lines[line]
 
     def distances(q: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -240,7 +240,7 @@ def test_two_of_one_name_and_one_of_ours_are_refused(
     one = installed(POINT, NORMAL)
     with pytest.raises(InvalidInput, match="a name of its own"):
         replace(lemur_capture, requirements=(one, one))
-    namesake = type("Namesake", (installed,), {"name": "clearance"})(POINT, NORMAL)
+    namesake = type("Namesake", (installed,), {"name": "clear_of_obstacles"})(POINT, NORMAL)
     with pytest.raises(InvalidInput, match="a requirement of the planner has this name"):
         perform(PlanningTask(replace(lemur_capture, requirements=(namesake,)), SETTINGS))
 

@@ -34,8 +34,9 @@ from ff_planner_ros.planning.problem.problem import (
     RigidMotion,
     Target,
 )
-from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.body_rows import times_looked_at
+from ff_planner_ros.planning.requirements.clear_of_itself import ClearOfItself
+from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
 from ff_planner_ros.planning.requirements.limits.chaser_rotation import (
     ChaserAttitude,
     ChaserRotation,
@@ -46,7 +47,6 @@ from ff_planner_ros.planning.requirements.limits.joint_limits import (
     JointRates,
 )
 from ff_planner_ros.planning.requirements.limits.loads import Torques
-from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.state import SystemState
@@ -287,20 +287,22 @@ def test_of_what_begins_close_no_more_than_half_the_distance_is_asked(apart: flo
     # Where there is room for less than half of the margin, a quarter of the time makes it up.
     gained = MARGIN * np.minimum(4.0 * times, 1.0) ** 3 if room < MARGIN / 2 else 0.0 * times
 
-    def rows(required: Requirement, lasting: bool = False) -> CoreRows:
-        kept = required.in_core(asked, POINTS, MARGIN)
+    def rows(
+        required: Requirement, beside: tuple[Obstacle, ...], lasting: bool = False
+    ) -> CoreRows:
+        kept = required.in_core(replace(asked, obstacles=beside), POINTS, MARGIN)
         assert kept is not None
         return rows_of_motion(robot, kept, motion, lasting)
 
-    later = rows(ObstacleClearance(), lasting=True).jacobian[:, -1]
+    later = rows(ClearOfObstacles(), (crate,), lasting=True).jacobian[:, -1]
     assert (later < 0.0).all()
     assert later.min() == pytest.approx(-1e-12)
-    for required, count in (
-        (SelfClearance(), 1),
-        (BodyClearance(), 3),
-        (ObstacleClearance(), 3),
+    for required, beside, count in (
+        (ClearOfItself(), obstacles, 1),
+        (ClearOfObstacles(), (rock,), 3),
+        (ClearOfObstacles(), (crate,), 3),
     ):
-        found = rows(required)
+        found = rows(required, beside)
         assert len(found.values) == len(times)
         more = gained[found.names // count] if count > 1 else 0.0
         left = apart - np.minimum(MARGIN, room + more)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from judging import require_sound
+from near_bodies import certified_clearance
 from scipy.spatial.transform import Rotation
 from shared_plans import planned
 
@@ -15,7 +16,6 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import measure
-from ff_planner_ros.planning.distance.certificate import certified_clearance
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import MAX_POINTS, Limits, Obstacle, PlanningProblem

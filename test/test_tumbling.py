@@ -12,6 +12,7 @@ import pytest
 import reference_clearance
 import yaml
 from core_rows import certified_by_core, distances_of_core
+from near_bodies import certified_clearance
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES, Frame
@@ -22,8 +23,8 @@ from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
+from ff_planner_ros.planning.distance.search_certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import system_frame

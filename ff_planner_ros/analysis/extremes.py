@@ -11,23 +11,15 @@ from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.allowed_contact import kept_apart
-from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies, radii
-from ff_planner_ros.planning.distance.body_distances import sphere_bounds, sphere_distances
-from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    obstacle_bounds,
-    obstacle_distances,
-    seen_from_chaser,
-)
+from ff_planner_ros.planning.distance.bodies import placed_bodies, radii
+from ff_planner_ros.planning.distance.body_distances import obstacle_bounds, obstacle_distances
+from ff_planner_ros.planning.distance.surroundings import Surroundings, surroundings
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.pose_motion import poses_between
-from ff_planner_ros.planning.problem.obstacles import (
-    Obstacle,
-)
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.planning.requirements.clearance import link_name
-from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.collision.lines import in_words, with_bodies
 from ff_planner_ros.robot.configuration import about, configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
@@ -46,8 +38,8 @@ class Distances:
     """Distances of the robot's bodies, or else the arm's centre lines, to every obstacle."""
 
     time: Array  # of the motion's points, and between them; shape (times,) [s]
-    of_each: Array  # distance to the nearest body or segment; shape (times, obstacles) [m]
-    nearest: NDArray[np.intp]  # index of that body or segment; shape (times, obstacles)
+    of_each: Array  # distance to the nearest body or line; shape (times, obstacles) [m]
+    nearest: NDArray[np.intp]  # index of that body or line; shape (times, obstacles)
 
     @property
     def closest(self) -> Array:
@@ -87,60 +79,31 @@ def distances(
     time, q = _between_points(robot, motion)
     seen = Scene() if scene is None else scene.captured_at(float(motion.time[-1]))
     apart = kept_apart(robot, obstacles, seen, q, time)
-    is_body = np.array([not one.is_sphere for one in obstacles], bool)
-    starts = np.arange(len(robot.bodies)) if robot.bodies else segments(arm_points(robot, q))
-    whole, spheres = with_bodies(robot), [one for one in obstacles if one.is_sphere]
-    bodies = [one for one in obstacles if not one.is_sphere]
-    rows = max(1, _MOST_DISTANCES // max(1, len(starts) * len(obstacles)))
-    found, which = [], []
+    robot, around = with_bodies(robot), surroundings(tuple(obstacles))
+    rows = max(1, _MOST_DISTANCES // max(1, len(robot.bodies) * len(obstacles)))
+    of_each, nearest = list[Array](), list[NDArray[np.intp]]()
     for k in range(0, len(time), rows):
         part = slice(k, k + rows)
         counts = apart.at(np.arange(len(time))[part])
-        if robot.bodies:
-            distance = _of_bodies(robot, spheres, time[part], q[part], counts[:, :, ~is_body])
-        else:
-            lines = arm_points(robot, q[part])
-            distance = clearances(lines, time[part], starts, spheres).distance
-        others = _of_shapes(whole, bodies, time[part], q[part], counts[:, :, is_body])
-        found.append(np.hstack([distance.min(axis=1), others.min(axis=1)]))
-        which.append(np.hstack([starts[distance.argmin(axis=1)], others.argmin(axis=1)]))
-    # From spheres and bodies to the order of the obstacles
-    order = np.argsort(np.argsort(is_body, kind="stable"), kind="stable")
-    return Distances(time, np.concatenate(found)[:, order], np.concatenate(which)[:, order])
+        distance = _distances(robot, around, time[part], q[part], counts)
+        of_each.append(distance.min(axis=1))
+        nearest.append(distance.argmin(axis=1))
+    return Distances(time, np.concatenate(of_each), np.concatenate(nearest))
 
 
-def _of_shapes(
-    robot: Robot, obstacles: Sequence[Obstacle], time: Array, q: Array, counts: _Flags
-) -> Array:
+def _distances(robot: Robot, around: Surroundings, time: Array, q: Array, counts: _Flags) -> Array:
     """Return distances of bodies to obstacles; infinite where another body is surely nearer.
 
     Shape (times, bodies, obstacles) [m]; `counts` may be broadcast to it.
     """
     placed = placed_bodies(robot, q[:, 7:])
-    lowest = np.where(counts, obstacle_bounds(robot, placed, q, time, obstacles), np.inf)
-    around = np.array([one.solid.radius for one in obstacles])
-    highest = lowest + 2.0 * (radii(robot)[:, None] + around)
+    lowest = np.where(counts, obstacle_bounds(robot, placed, q, time, around), np.inf)
+    around_both = radii(robot)[:, None] + around.radii
+    highest = lowest + 2.0 * around_both
     distance = np.full(lowest.shape, np.inf)
     rows = np.nonzero((lowest <= highest.min(axis=1, keepdims=True)) & np.isfinite(lowest))
-    poses = seen_from_chaser(q, time, obstacles)
-    distance[rows] = obstacle_distances(robot, placed, poses, obstacles, rows).distance
-    return distance
-
-
-def _of_bodies(
-    robot: Robot, obstacles: Sequence[Obstacle], time: Array, q: Array, counts: _Flags
-) -> Array:
-    """Return distances of bodies to spheres; infinite where another body is surely nearer.
-
-    Shape (times, bodies, spheres) [m]; `counts` has the same.
-    """
-    placed, radius = placed_bodies(robot, q[:, 7:]), np.array([one.radius for one in obstacles])
-    centers = centers_in_base(q, centers_at(time, obstacles))
-    lowest = np.where(counts, sphere_bounds(robot, placed, centers, radius), np.inf)
-    highest = lowest + 2.0 * radii(robot)[:, None]
-    distance = np.full(lowest.shape, np.inf)
-    rows = np.nonzero((lowest <= highest.min(axis=1, keepdims=True)) & np.isfinite(lowest))
-    distance[rows] = sphere_distances(robot, placed, centers, radius, rows).distance
+    there = around.seen_from_base(q, time, rows[0], rows[2])
+    distance[rows] = obstacle_distances(robot, placed, there, around, rows).distance
     return distance
 
 
@@ -151,16 +114,11 @@ def nearest(
     if number is None:
         number = int(found.of_each.min(axis=0).argmin())
     time = int(found.of_each[:, number].argmin())
-    which, one = int(found.nearest[time, number]), obstacles[number]
-    if robot.bodies or not one.is_sphere:
-        link = with_bodies(robot).bodies[which].name
-    else:
-        link = link_name(robot, which)
     return Nearest(
         distance=float(found.of_each[time, number]),
         time=float(found.time[time]),
-        obstacle=one.id,
-        link=link,
+        obstacle=obstacles[number].id,
+        link=in_words(robot, int(found.nearest[time, number])),
     )
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    around_obstacles,
-    nearest_points,
+from ff_planner_ros.planning.distance.solids_apart import nearest_points
+from ff_planner_ros.planning.distance.surroundings import (
     obstacle_poses,
+    surroundings,
 )
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
@@ -66,7 +66,8 @@ def nearest_of(
     others = [
         [pin.SE3(*at) for at in zip(*obstacle_poses(one, times), strict=True)] for one in obstacles
     ]
-    centers, around_each = around_obstacles(obstacles, times)
+    around = surroundings(tuple(obstacles))
+    centers = around.centers(times)
     for row, q_i in enumerate(q):
         pin.forwardKinematics(robot.model, data, q_i)
         places = [data.oMi[body.joint] * body.placement_in_joint for body in robot.bodies]
@@ -85,11 +86,11 @@ def nearest_of(
         return None
     solids = [body.solid for body in robot.bodies]
     names = [body.name for body in robot.bodies] + [one.id for one in obstacles]
-    radii = np.append([body.radius for body in robot.bodies], around_each)
+    radii = np.append([body.radius for body in robot.bodies], around.radii)
     solids += (one.solid.geometry for one in obstacles)
     first, second = np.array(pairs).T
-    around = np.array(balls)
-    apart = np.linalg.norm(around[:, first] - around[:, second], axis=-1)
+    middle = np.array(balls)
+    apart = np.linalg.norm(middle[:, first] - middle[:, second], axis=-1)
     bounds = apart - radii[first] - radii[second]
     found: Nearest | None = None
     # The promising first: most need not be measured then.

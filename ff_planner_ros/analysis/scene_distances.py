@@ -8,10 +8,8 @@ from dataclasses import dataclass
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    nearest_points,
-    obstacle_place,
-)
+from ff_planner_ros.planning.distance.solids_apart import nearest_points
+from ff_planner_ros.planning.distance.surroundings import obstacle_place
 from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies

@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.obstacles import Obstacle
@@ -141,18 +141,3 @@ def target_of(target: Target) -> compiled.Target:
         axis,
         axes[1:],
     )
-
-
-def sphere_arrays(spheres: Sequence[Obstacle]) -> tuple[Array, Array, Array]:
-    """Return centres at the plan's first point and velocities, (spheres, 3), radii, (spheres,).
-
-    In the inertial frame [m, m/s]; read-only, as they are cached.
-    """
-    return _sphere_arrays(tuple(spheres))
-
-
-@lru_cache(maxsize=8)
-def _sphere_arrays(spheres: tuple[Obstacle, ...]) -> tuple[Array, Array, Array]:
-    centers = np.array([sphere.motion.position for sphere in spheres]).reshape(-1, 3)
-    velocities = np.array([sphere.motion.velocity for sphere in spheres]).reshape(-1, 3)
-    return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])

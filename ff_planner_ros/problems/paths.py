@@ -8,12 +8,16 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
-from ff_planner_ros.planning.distance.certificate import certified_clearance
+from ff_planner_ros.planning.distance.body_certificate import least_obstacle_distance
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.distance.surroundings import surroundings
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.path_family import Motion, singular_refusal
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
+from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # Coefficients of the straight path, xi = 0.
@@ -71,7 +75,12 @@ def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
     """
     rollout = roll_out(problem, coefficients)
     times = np.linspace(0.0, problem.duration, problem.points)
-    return certified_clearance(problem.robot, rollout.q, rollout.v, times, problem.spheres)
+    at_rest = np.zeros((len(times), problem.robot.joints))
+    joints = JointMotion(times, rollout.q[:, 7:], rollout.v[:, 6:], at_rest)
+    motion = FollowedMotion(joints, 1, times, rollout.q, rollout.v, at_rest)
+    robot, around = with_bodies(problem.robot), surroundings(problem.spheres)
+    every = np.arange(len(robot.bodies) * len(problem.spheres))
+    return least_obstacle_distance(robot, motion, around, every, len(times) - 1).certified
 
 
 def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:

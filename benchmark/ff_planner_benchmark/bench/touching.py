@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_place
+from ff_planner_ros.planning.distance.surroundings import obstacle_place
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot

@@ -16,7 +16,7 @@ from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
+from ff_planner_ros.planning.distance.surroundings import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem

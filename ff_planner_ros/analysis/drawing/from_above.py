@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface, outline, placed
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
+from ff_planner_ros.planning.distance.surroundings import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem

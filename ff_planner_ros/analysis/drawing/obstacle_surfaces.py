@@ -6,7 +6,7 @@ import numpy as np
 
 from ff_planner_ros.analysis.drawing.solids import Triangles, surface_of
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
+from ff_planner_ros.planning.distance.surroundings import obstacle_poses
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 
 

@@ -18,7 +18,7 @@ from ff_planner_ros.analysis.drawing.obstacle_surfaces import (
 )
 from ff_planner_ros.analysis.drawing.scene_layout import LIT
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import around_obstacles
+from ff_planner_ros.planning.distance.surroundings import surroundings
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
@@ -50,9 +50,9 @@ def near_arm(obstacles: Sequence[Obstacle], times: Array, arms: Array) -> Sequen
         arms: Positions of joints and end effector, inertial. Shape (poses, joints + 1, 3) [m].
     """
     length = np.linalg.norm(np.diff(arms[0], axis=0), axis=1).sum()
-    centers, radii = around_obstacles(obstacles, times)
-    away = centers[:, None] - arms[:, :, None]
-    gaps = (np.linalg.norm(away, axis=-1) - radii).min(axis=(0, 1))
+    around = surroundings(tuple(obstacles))
+    away = around.centers(times)[:, None] - arms[:, :, None]
+    gaps = (np.linalg.norm(away, axis=-1) - around.radii).min(axis=(0, 1))
     nearest = np.argsort(gaps, kind="stable")[:_MOST_OBSTACLES]
     return [obstacles[k] for k in sorted(nearest) if gaps[k] <= _FAR * length]
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.distance.contact import self_contact, tool_contact
+from ff_planner_ros.planning.distance.solids_apart import distance_between
+from ff_planner_ros.planning.distance.surroundings import obstacle_place
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target_body import MOST_TURNS
@@ -133,25 +135,26 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: A
     """
     robot, target = problem.robot, problem.target.position
     key = "target.position" if problem.target_body is None else "target_body.grasp.position"
-    contact = tool_contact(problem)
-    if contact is not None:
-        raise NoPlanFound(
-            Status.COLLISION,
-            f"at the goal {contact.first} is {-contact.distance:.4f} m inside obstacle "
-            f"{contact.second}, in any posture: choose a target further from it, or name "
-            f"{contact.first.split('#')[0]}/{contact.second} in allowed_collisions.pairs if it is "
-            "grasped",
-        )
-    spheres = () if robot.bodies else problem.spheres
-    centers = centers_at(np.array([problem.duration]), spheres)[0]
-    depths = np.array([one.radius for one in spheres]) - np.linalg.norm(target - centers, axis=1)
-    for sphere, depth in zip(spheres, depths, strict=True):
+    point = pin.SE3(np.eye(3), target)
+    for one in () if robot.bodies else problem.obstacles:
+        there = obstacle_place(one, problem.duration)
+        depth = -distance_between(coal.Sphere(0.0), point, one.solid.geometry, there)
         if depth >= 0.0:
             raise NoPlanFound(
                 Status.COLLISION,
-                f"{key} lies {depth:.4f} m inside obstacle {sphere.id}: at the goal the "
+                f"{key} lies {depth:.4f} m inside obstacle {one.id}: at the goal the "
                 "arm cannot be outside it",
             )
+    contact = tool_contact(problem)
+    if contact is not None:
+        link = contact.first.split("#")[0]
+        grasped = f", or name {link}/{contact.second} in allowed_collisions.pairs if it is grasped"
+        raise NoPlanFound(
+            Status.COLLISION,
+            f"at the goal {contact.first} is {-contact.distance:.4f} m inside obstacle "
+            f"{contact.second}, in any posture: choose a target further from it"
+            f"{grasped if robot.bodies else ''}",
+        )
     data = robot.model.createData()
     pin.centerOfMass(robot.model, data, q_start, v_start)
     center_at_end = data.com[0] + data.vcom[0] * problem.duration

@@ -19,21 +19,16 @@ from numpy.typing import NDArray
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.distance.bodies import centers_in_base, placed_bodies
-from ff_planner_ros.planning.distance.body_distances import sphere_distances
-from ff_planner_ros.planning.distance.clearance import arm_points, centers_at
+from ff_planner_ros.planning.distance.body_distances import obstacle_distances
+from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    obstacle_distances,
-    obstacle_poses,
-    seen_from_chaser,
-)
 from ff_planner_ros.planning.distance.start_room import (
     KEPT,
     LEAST_CLEARANCE,
-    room_of_bodies,
     room_of_obstacles,
     room_of_pairs,
 )
+from ff_planner_ros.planning.distance.surroundings import obstacle_poses, surroundings
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
 from ff_planner_ros.planning.problem.scene import Scene
@@ -41,6 +36,8 @@ from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 
+# A certificate may be below the truth by this fraction of the distance at the start.
+_GAP = 0.25
 _FIRST = np.zeros(1, np.intp)
 
 
@@ -63,38 +60,40 @@ def split_pairs(problem: PlanningProblem) -> Split:
     """Split pairs of bodies; number: index in `robot.pairs`."""
     bodies, allowed = problem.robot.bodies, problem.allowed_collisions
     if not allowed:
-        return all_apart(len(problem.robot.pairs))
+        return _all_apart(len(problem.robot.pairs))
     names = [(bodies[a].link, bodies[b].link) for a, b in problem.robot.pairs]
     may = [f"{a}/{b}" in allowed or f"{b}/{a}" in allowed for a, b in names]
     return _split(may, room_of_pairs(problem) if any(may) else np.empty(0), (None,))
 
 
 @lru_cache(maxsize=4)
-def split_spheres(problem: PlanningProblem) -> Split:
-    """Split bodies with spheres; number: body times spheres, plus sphere."""
-    if not problem.allowed_collisions:
-        return all_apart(len(problem.robot.bodies) * len(problem.spheres))
-    may = [
-        f"{body.link}/{sphere.id}" in problem.allowed_collisions
-        for body in problem.robot.bodies
-        for sphere in problem.spheres
-    ]
-    return _split(may, room_of_bodies(problem) if any(may) else np.empty(0), problem.spheres)
-
-
-@lru_cache(maxsize=4)
 def split_obstacles(problem: PlanningProblem) -> Split:
-    """Split bodies with obstacle bodies; number: body times obstacles, plus obstacle."""
+    """Split bodies with obstacles; number: body times obstacles, plus obstacle."""
+    bodies, obstacles = with_bodies(problem.robot).bodies, problem.obstacles
     if not problem.allowed_collisions:
-        bodies = with_bodies(problem.robot).bodies
-        return all_apart(len(bodies) * len(problem.obstacle_bodies))
+        return _all_apart(len(bodies) * len(obstacles))
     may = [
         f"{body.link}/{one.id}" in problem.allowed_collisions
-        for body in with_bodies(problem.robot).bodies
-        for one in problem.obstacle_bodies
+        for body in bodies
+        for one in obstacles
     ]
-    room = room_of_obstacles(problem) if any(may) else np.empty(0)
-    return _split(may, room, problem.obstacle_bodies)
+    return _split(may, room_of_obstacles(problem) if any(may) else np.empty(0), obstacles)
+
+
+def certificate_gap(problem: PlanningProblem, most: float) -> float:
+    """Return how far certificates may be below the truth for the start to pass [m].
+
+    Args:
+        most: The answer if no obstacle is near the start, or one is touched [m].
+    """
+    near = start_clearance(problem)
+    return min(most, _GAP * near) if near > 0.0 else most  # a start in contact is refused
+
+
+def start_clearance(problem: PlanningProblem) -> float:
+    """Return the distance from the nearest obstacle at the start, without allowed contacts [m]."""
+    room = room_of_obstacles(problem).ravel()[split_obstacles(problem).apart]
+    return float(room.min(initial=np.inf)) / KEPT
 
 
 def before_contact(problem: PlanningProblem, times: Array, tips: Array) -> int:
@@ -202,7 +201,7 @@ def may_touch(problem: PlanningProblem, split: Split, q: Array, time: float) -> 
 class KeptApart(NamedTuple):
     """Indices of the times at which each part must be apart from each obstacle."""
 
-    since: Indices  # shape (bodies, obstacles); (1, obstacles) for lines
+    since: Indices  # shape (bodies, obstacles)
     until: Indices  # not at this one any more; likewise
 
     def at(self, numbers: Indices) -> NDArray[np.bool_]:
@@ -223,7 +222,8 @@ def kept_apart(
         q: The first one is the plan's. Shape (times, 7 + joints).
         times: Shape (times,) [s].
     """
-    names = [body.link for body in robot.bodies] or [""]
+    robot = with_bodies(robot)
+    names = [body.link for body in robot.bodies]
     since, until = np.zeros((2, len(names), len(obstacles)), np.intp)
     until[:] = len(times)
     if not scene.allowed_collisions:
@@ -253,14 +253,10 @@ def _at_goal_from(robot: Robot, scene: Scene, q: Array, times: Array) -> int:
 
 def _distance(robot: Robot, body: int, obstacle: Obstacle, q: Array, times: Array) -> float:
     """Return the distance of a body, by its number, from an obstacle at one time [m]."""
-    placed, row = placed_bodies(robot, q[:, 7:]), (_FIRST, np.array([body]), _FIRST)
-    if obstacle.is_sphere:
-        centers = centers_in_base(q, centers_at(times, [obstacle]))
-        found = sphere_distances(robot, placed, centers, np.array([obstacle.radius]), row)
-    else:
-        poses = seen_from_chaser(q, times, [obstacle])
-        found = obstacle_distances(robot, placed, poses, [obstacle], row)
-    return float(found.distance[0])
+    around, rows = surroundings((obstacle,)), (_FIRST, np.array([body]), _FIRST)
+    there = around.seen_from_base(q, times, _FIRST, _FIRST)
+    placed = placed_bodies(robot, q[:, 7:])
+    return float(obstacle_distances(robot, placed, there, around, rows).distance[0])
 
 
 def _ways_from_start(robot: Robot, obstacle: Obstacle | None, times: Array, q: Array) -> Array:
@@ -294,8 +290,7 @@ def _stayed(problem: PlanningProblem, obstacle: Obstacle | None, times: Array) -
     return np.asarray(origins[1:] + rotations[1:] @ seen, np.float64)
 
 
-def all_apart(count: int) -> Split:
-    """Return that none of so many pairs may touch."""
+def _all_apart(count: int) -> Split:
     return Split(np.arange(count), np.empty(0, np.intp), ())
 
 
@@ -308,7 +303,7 @@ def _split(may: list[bool], room: Array, obstacles: tuple[Obstacle | None, ...])
     """
     flags = np.array(may, bool)
     if not flags.any():
-        return all_apart(len(flags))
+        return _all_apart(len(flags))
     touches = flags & (room.ravel() < KEPT * LEAST_CLEARANCE)
     number = np.arange(len(flags)) % max(len(obstacles), 1)
     groups = tuple(

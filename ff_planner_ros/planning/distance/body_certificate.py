@@ -9,19 +9,19 @@ count; between body and obstacle the motions of base and obstacle do, too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import coal
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.planning.distance.bodies import centers_in_base, pairs
+from ff_planner_ros.planning.distance.bodies import pairs
 from ff_planner_ros.planning.distance.body_distances import (
+    obstacle_bounds,
+    obstacle_distances,
     pair_bounds,
     pair_distances,
-    sphere_bounds,
-    sphere_distances,
 )
 from ff_planner_ros.planning.distance.body_gaps import Solids, arcs_of, measured
 from ff_planner_ros.planning.distance.body_motion import (
@@ -32,13 +32,7 @@ from ff_planner_ros.planning.distance.body_motion import (
     seen_at,
     times_at,
 )
-from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
-from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    obstacle_bounds,
-    obstacle_distances,
-    seen_from_chaser,
-)
+from ff_planner_ros.planning.distance.surroundings import Surroundings
 from ff_planner_ros.planning.motion.certified_least import (
     NOTHING,
     Arcs,
@@ -48,14 +42,12 @@ from ff_planner_ros.planning.motion.certified_least import (
     certified_least,
 )
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
-# Large distances need not be known to half a millimetre, but to this fraction of themselves.
-EXACT_PART = 0.02
+# The check's certificates are below the truth by at most this [m].
+CHECK_GAP = 2e-4
 # Number of steps in the first intervals: most pairs stay far apart for long.
-_STRIDE = 8
+_STRIDE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,109 +94,58 @@ def least_pair_distance(robot: Robot, motion: FollowedMotion, chosen: Indices, l
         return arcs_of(first, second, pieces, bends)
 
     kind = _Kind(bounds, measure, moved, arcs)
-    return _least(kind, chosen, last, motion.time)
-
-
-def least_sphere_distance(
-    robot: Robot,
-    motion: FollowedMotion,
-    spheres: Sequence[Obstacle],
-    chosen: Indices,
-    last: int,
-    gap: float = CERTIFICATE_GAP,
-) -> Least:
-    """Return the least distance of chosen bodies from spheres along a motion.
-
-    Args:
-        chosen: Body times the number of spheres, plus sphere.
-        last: Index of the last time that counts.
-        gap: Absolute accuracy of the bound, if that is more and nothing touches [m].
-    """
-    if not len(chosen) or last < 0:
-        return NOTHING
-    radius = np.array([sphere.radius for sphere in spheres])
-
-    def bounds(steps: Array) -> Array:
-        at = seen_at(robot, motion, steps)
-        centers = centers_in_base(at.q, centers_at(at.times, spheres))
-        return sphere_bounds(robot, at.placed, centers, radius).reshape(len(at.times), -1)[at.rows]
-
-    def measure(steps: Array, which: Indices) -> Known:
-        at = seen_at(robot, motion, steps)
-        bodies, sphere = np.divmod(which, len(spheres))
-        few, column = np.unique(sphere, return_inverse=True)
-        centers = centers_in_base(at.q, centers_at(at.times, [spheres[k] for k in few]))
-        rows = at.rows, bodies, column
-        found = sphere_distances(robot, at.placed, centers, radius[few], rows)
-        axes = rotation_from_quaternion(at.q[:, 3:7]).swapaxes(1, 2)
-        there = axes[at.rows], centers[at.rows, column]
-        return measured(found, at.poses(bodies), there, at.placed.stretches[at.rows, bodies])
-
-    kind = _beside(robot, motion, spheres, bounds, measure)
-    return _least(kind, chosen, last, motion.time, gap)
+    return _least(kind, chosen, last, motion.time, CHECK_GAP)
 
 
 def least_obstacle_distance(
     robot: Robot,
     motion: FollowedMotion,
-    obstacles: Sequence[Obstacle],
+    around: Surroundings,
     chosen: Indices,
     last: int,
-    gap: float = CERTIFICATE_GAP,
+    gap: float = CHECK_GAP,
 ) -> Least:
-    """Return the least distance of chosen bodies from obstacles; see `least_sphere_distance`.
+    """Return the least distance of chosen bodies from obstacles along a motion.
 
     Args:
+        around: The obstacles.
         chosen: Body times the number of obstacles, plus obstacle.
+        last: Index of the last time that counts.
+        gap: The bound is below the truth by this at most [m].
     """
     if not len(chosen) or last < 0:
         return NOTHING
+    count, speeds = len(around.obstacles), around.bounds[0]
+    of_bodies, solids = _sums(body_ways(robot, motion)), _solids(robot)
 
     def bounds(steps: Array) -> Array:
         at = seen_at(robot, motion, steps)
-        found = obstacle_bounds(robot, at.placed, at.q, at.times, obstacles)
+        found = obstacle_bounds(robot, at.placed, at.q, at.times, around)
         return found.reshape(len(at.times), -1)[at.rows]
 
     def measure(steps: Array, which: Indices) -> Known:
         at = seen_at(robot, motion, steps)
-        bodies, obstacle = np.divmod(which, len(obstacles))
-        few, column = np.unique(obstacle, return_inverse=True)
-        chosen_ones = [obstacles[k] for k in few]
-        poses, rows = seen_from_chaser(at.q, at.times, chosen_ones), (at.rows, bodies, column)
-        found = obstacle_distances(robot, at.placed, poses, chosen_ones, rows)
-        there = poses.rotations[at.rows, column], poses.positions[at.rows, column]
-        return measured(found, at.poses(bodies), there, at.placed.stretches[at.rows, bodies])
-
-    kind = _beside(robot, motion, obstacles, bounds, measure)
-    return _least(kind, chosen, last, motion.time, gap)
-
-
-def _beside(
-    robot: Robot,
-    motion: FollowedMotion,
-    obstacles: Sequence[Obstacle],
-    bounds: Callable[[Array], Array],
-    measure: Callable[[Array, Indices], Known],
-) -> _Kind:
-    """Return bodies and obstacles as what is measured."""
-    speeds = np.array([one.highest_speed for one in obstacles])
-    solids, others = _solids(robot), [one.solid.geometry for one in obstacles]
-    of_bodies = _sums(body_ways(robot, motion))
+        body, obstacle = np.divmod(which, count)
+        there = around.seen_from_base(at.q, at.times, at.rows, obstacle)
+        found = obstacle_distances(robot, at.placed, there, around, (at.rows, body, obstacle))
+        return measured(found, at.poses(body), there, at.placed.stretches[at.rows, body])
 
     def moved(steps: Array, which: Indices) -> Array:
-        body, obstacle = np.divmod(which, len(obstacles))
+        body, obstacle = np.divmod(which, count)
         both: Array = _reached(of_bodies, steps, body) + times_at(motion, steps) * speeds[obstacle]
         return both
 
     def arcs(pieces: Pieces) -> Arcs:
         which, begin, end, at_begin, at_end = pieces
-        body, obstacle = np.divmod(which, len(obstacles))
+        body, obstacle = np.divmod(which, count)
         way = moved(end, which) - moved(begin, which)
         apart = np.maximum((at_begin.value + at_end.value + way) / 2, 0.0)
-        bends = bends_beside(robot, motion, obstacles, which, begin, end, apart)
-        return arcs_of(Solids(solids, body), Solids(others, obstacle), pieces, bends)
+        bends = bends_beside(robot, motion, around, which, begin, end, apart)
+        few, column = np.unique(obstacle, return_inverse=True)
+        others = [around.obstacles[number].solid.geometry for number in few.tolist()]
+        return arcs_of(Solids(solids, body), Solids(others, column), pieces, bends)
 
-    return _Kind(bounds, measure, moved, arcs)
+    return _least(_Kind(bounds, measure, moved, arcs), chosen, last, motion.time, gap)
 
 
 def _solids(robot: Robot) -> list[coal.CollisionGeometry]:
@@ -212,9 +153,7 @@ def _solids(robot: Robot) -> list[coal.CollisionGeometry]:
     return [coal.Sphere(0.0) if body.stretches else body.solid for body in robot.bodies]
 
 
-def _least(
-    kind: _Kind, chosen: Indices, last: int, time: Array, gap: float = CERTIFICATE_GAP
-) -> Least:
+def _least(kind: _Kind, chosen: Indices, last: int, time: Array, gap: float) -> Least:
     """Return the least distance of what may be nearest on some pieces of the motion."""
     steps = np.append(np.arange(0.0, max(last, 1), _STRIDE), float(last))
     bounds = kind.bounds(steps)[:, chosen]
@@ -239,7 +178,7 @@ def _least(
         way: Array = kind.moved(pieces.end, pieces.which) - kind.moved(pieces.begin, pieces.which)
         return way
 
-    return certified_least(time, pieces, kind.measure, moved_on, kind.arcs, gap, EXACT_PART)
+    return certified_least(time, pieces, kind.measure, moved_on, kind.arcs, gap)
 
 
 def _sums(ways: Array) -> Array:

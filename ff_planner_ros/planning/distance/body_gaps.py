@@ -15,7 +15,7 @@ import coal
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.planning.distance.body_distances import NO_DIRECTION, Distances
+from ff_planner_ros.planning.distance.solids_apart import NO_DIRECTION, Distances
 from ff_planner_ros.planning.motion.certified_least import Arcs, Known, Pieces
 from ff_planner_ros.robot.collision.primitives import furthest
 

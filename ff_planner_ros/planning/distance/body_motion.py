@@ -11,8 +11,8 @@ without the square, and with 1 for the lever, where axis k slides.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -33,9 +33,8 @@ from ff_planner_ros.planning.distance.body_reaches import (
     pair_reaches,
     reaches_back,
 )
-from ff_planner_ros.planning.distance.certificate import cubics_between, slides
+from ff_planner_ros.planning.distance.surroundings import Surroundings
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.model import Robot
 
 
@@ -43,6 +42,29 @@ from ff_planner_ros.robot.model import Robot
 def cubics_of(robot: Robot, motion: FollowedMotion) -> Array:
     """Return the cubics between the points of a motion; see `cubics_between`."""
     return cubics_between(robot, motion.q, motion.v, np.diff(motion.time))
+
+
+def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
+    """Return the tangent-space cubics through consecutive configurations and velocities.
+
+    There is none where one configuration is left of a motion.
+
+    Returns:
+        Coefficients of s, s^2, s^3 from one to the next, s from 0 to 1. Shape
+        (points - 1, 3, 6 + joints).
+    """
+    model, to_end, size = robot.model, pin.ArgumentPosition.ARG1, robot.model.nv
+    ways = [pin.difference(model, *pair) for pair in pairwise(q)]
+    slopes = [pin.dDifference(model, *pair, to_end) for pair in pairwise(q)]
+    whole, by_end = np.reshape(ways, (-1, size)), np.reshape(slopes, (-1, size, size))
+    first = steps[:, None] * v[:-1]
+    last = steps[:, None] * (by_end @ v[1:, :, None])[:, :, 0]
+    return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
+
+
+def slides(robot: Robot) -> Array:
+    """Return 1 for each prismatic joint and 0 for each revolute one. Shape (joints,)."""
+    return np.asarray(robot.joint_slides.any(axis=1), np.float64)
 
 
 class Seen(NamedTuple):
@@ -136,7 +158,7 @@ def pair_bends(
 def bends_beside(
     robot: Robot,
     motion: FollowedMotion,
-    obstacles: Sequence[Obstacle],
+    around: Surroundings,
     which: Indices,
     begin: Array,
     end: Array,
@@ -156,8 +178,8 @@ def bends_beside(
     Returns:
         Of the obstacle seen from the body, then of the body from the obstacle. (2, rows) [m].
     """
-    body, obstacle = np.divmod(which, len(obstacles))
-    speed, acceleration, turn, reach, size = _bounds_of(tuple(obstacles))[:, obstacle]
+    body, obstacle = np.divmod(which, len(around.obstacles))
+    speed, acceleration, turn, reach, size = around.bounds[:, obstacle]
     step = times_at(motion, end) - times_at(motion, begin)
     one = np.ones(len(which))
     carries = np.arange(robot.joints) < movers(robot)[body][:, None]
@@ -169,11 +191,11 @@ def bends_beside(
     levers = np.column_stack([one, base_reaches(robot)[body], body_reaches(robot)[:, body].T])
     back = _bends_back(rates, changes, levers + (apart + size)[:, None] * turns, turns)
     # The obstacle's own rotation is the first axis that is seen from it.
-    around = reach + apart + 2 * radii(robot)[body]
+    beside = reach + apart + 2 * radii(robot)[body]
     out = _bends(
         np.column_stack([before, rates]),
         np.column_stack([before**2, changes]),
-        np.column_stack([around, levers]),
+        np.column_stack([beside, levers]),
         np.array([1.0, *turns]),
     )
     return np.array([back, out])
@@ -214,24 +236,6 @@ def _axes(robot: Robot, motion: FollowedMotion) -> _Axes:
         np.column_stack([moving + turning * way / 2, turning, rates[:, 6:]]),
         np.column_stack([changed, tumbling + turning**2 / 2, changes[:, 6:]]),
     )
-
-
-@lru_cache(maxsize=4)
-def _bounds_of(obstacles: tuple[Obstacle, ...]) -> Array:
-    """Return highest speed, acceleration and rate of rotation, reach and size. (5, obstacles).
-
-    Speeds and accelerations are those of all points [m/s, m/s2, rad/s, m, m]. Of a sphere the
-    centre counts, which is the radius from the surface.
-    """
-    found = []
-    for one in obstacles:
-        motion, reach = one.motion, one.reach
-        highest = one.highest_speed, motion.highest_acceleration(reach)
-        if one.is_sphere:
-            found.append((*highest, 0.0, 0.0, one.radius))
-        else:
-            found.append((*highest, motion.highest_rate, reach, 2 * one.radius))
-    return np.array(found).T
 
 
 def _bends(rates: Array, changes: Array, levers: Array, turns: Array) -> Array:

@@ -17,7 +17,8 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.conversions import chain_of, sphere_arrays
+from ff_planner_ros.core.conversions import chain_of
+from ff_planner_ros.planning.distance.surroundings import surroundings
 from ff_planner_ros.planning.problem.problem import Obstacle
 from ff_planner_ros.robot.kinematics import joint_frames
 from ff_planner_ros.robot.model import Robot
@@ -68,67 +69,15 @@ def segments(positions: Array) -> Indices:
 
 def centers_at(times: Array, spheres: Sequence[Obstacle]) -> Array:
     """Return the spheres' centres in the inertial frame. Shape (points, spheres, 3) [m]."""
-    centers, velocities, _ = sphere_arrays(spheres)
-    moved: Array = centers + times[:, None, None] * velocities
-    bodies = {id(sphere.body): sphere.body for sphere in spheres if sphere.body is not None}
-    for body in bodies.values():
-        attached = [k for k, sphere in enumerate(spheres) if sphere.body is body]
-        levers = np.array([spheres[k].motion.lever for k in attached])
-        moved[:, attached] = body.places(levers, times)
-    return moved
-
-
-def highest_speeds(spheres: Sequence[Obstacle]) -> Array:
-    """Return upper bounds of the speeds of the spheres' centres. Shape (spheres,) [m/s]."""
-    _, velocities, _ = sphere_arrays(spheres)
-    speeds: Array = np.linalg.norm(velocities, axis=1)
-    for k, sphere in enumerate(spheres):
-        if sphere.body is not None:
-            speeds[k] = sphere.highest_speed
-    return speeds
-
-
-def may_be_nearest(
-    positions: Array,
-    times: Array,
-    starts: Indices,
-    spheres: Sequence[Obstacle],
-    moved: Array | float = 0.0,
-) -> list[Obstacle]:
-    """Return the spheres that are not surely further from the arm than another one.
-
-    A sphere is left out whose distance from the box around all `positions` exceeds a distance of
-    the arm from a sphere.
-
-    Args:
-        moved: How far arm and each sphere may move, together, from where they are at the times.
-            Shape (spheres,) [m].
-    """
-    _, _, radii = sphere_arrays(spheres)
-    ends = [0, len(times) // 2, -1]
-    within = clearances(positions[ends], times[ends], starts, spheres).distance.min()
-    fixed_to_bodies = any(sphere.body is not None for sphere in spheres)
-    centers = centers_at(times if fixed_to_bodies else times[[0, -1]], spheres)
-    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
-    apart = np.maximum(low - centers.max(axis=0), centers.min(axis=0) - high)
-    least = np.linalg.norm(np.maximum(apart, 0.0), axis=1) - radii - moved
-    return [one for one, far in zip(spheres, least > within + _SAME_POINT, strict=True) if not far]
+    return surroundings(tuple(spheres)).centers(times)
 
 
 def clearances(
-    positions: Array,
-    times: Array,
-    starts: Indices,
-    spheres: Sequence[Obstacle],
-    centers: Array | None = None,
+    positions: Array, times: Array, starts: Indices, spheres: Sequence[Obstacle]
 ) -> Clearances:
-    """Return the surface distance of every segment from every sphere.
-
-    Args:
-        centers: Of `centers_at`. None: they are computed.
-    """
-    centers = (centers_at(times, spheres) if centers is None else centers)[:, None]
-    _, _, radii = sphere_arrays(spheres)
+    """Return the surface distance of every segment from every sphere."""
+    centers = centers_at(times, spheres)[:, None]
+    radii = np.array([one.radius for one in spheres])
     start, end = positions[:, starts, None], positions[:, starts + 1, None]
     along = end - start
     from_center = start - centers

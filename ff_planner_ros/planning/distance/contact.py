@@ -14,27 +14,23 @@ from ff_planner_ros.planning.distance.allowed_contact import (
     may_touch,
     split_obstacles,
     split_pairs,
-    split_spheres,
 )
-from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base, placed_bodies
+from ff_planner_ros.planning.distance.bodies import Placed, placed_bodies
 from ff_planner_ros.planning.distance.body_distances import (
-    distance_from,
+    obstacle_bounds,
+    obstacle_distances,
+    obstacle_gradients,
     pair_bounds,
     pair_distances,
     pair_gradients,
-    sphere_bounds,
-    sphere_distances,
-    sphere_gradients,
 )
-from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    distance_between,
-    obstacle_bounds,
-    obstacle_distances,
-    seen_from_chaser,
+from ff_planner_ros.planning.distance.solids_apart import distance_between
+from ff_planner_ros.planning.distance.surroundings import (
+    obstacle_place,
+    surroundings,
 )
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
-from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.collision.lines import in_words, with_bodies
 
 # Motions of one joint that are tried as a way out of a contact [rad, m].
 _TURNS = np.deg2rad([1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0])
@@ -44,7 +40,7 @@ class Contact(NamedTuple):
     """Two bodies, or body and obstacle, that touch or are nearer than a clearance."""
 
     distance: float  # negative: penetration depth [m]
-    first: str  # name of a body
+    first: str  # name of a body, or words for a centre line
     second: str  # name of another, or id of an obstacle
     obstacle: bool  # whether the second one is an obstacle
     by_joints: Array  # derivatives of the distance by the joint angles; shape (joints,)
@@ -58,14 +54,12 @@ def deepest_contact(
     Args:
         within: Clearance from obstacles [m]; a smaller distance is a contact, too.
     """
-    if not (problem.robot.bodies or problem.obstacle_bodies):
-        return None
-    placed = placed_bodies(with_bodies(problem.robot), q[None, 7:])
-    found = list[Contact]()
-    if problem.robot.bodies:
+    robot, found = with_bodies(problem.robot), list[Contact]()
+    placed = placed_bodies(robot, q[None, 7:])
+    if robot.pairs:
         found += _of_pairs(problem, placed, q, time)
-        found += _with_spheres(problem, placed, q, time, within)
-    found += _with_obstacles(problem, placed, q, time, within)
+    if problem.obstacles:
+        found += _with_obstacles(problem, placed, q, time, within)
     return _deepest(found, within)
 
 
@@ -93,26 +87,6 @@ def _of_pairs(problem: PlanningProblem, placed: Placed, q: Array, time: float) -
         yield Contact(float(distance), first, second, False, by_joints)
 
 
-def _with_spheres(
-    problem: PlanningProblem, placed: Placed, q: Array, time: float, within: float
-) -> Iterator[Contact]:
-    """Yield contacts with spheres, and what may be one."""
-    robot, bodies = problem.robot, problem.robot.bodies
-    centers, radius = _spheres(problem, q, time)
-    near = sphere_bounds(robot, placed, centers, radius) <= within
-    near.reshape(-1)[may_touch(problem, split_spheres(problem), q, time)] = False
-    at = np.nonzero(near)
-    measured = sphere_distances(robot, placed, centers, radius, at)
-    if measured.distance.min(initial=np.inf) > within:
-        return
-    gradients = sphere_gradients(robot, placed, measured, at)[:, 6:]
-    for body, sphere, distance, by_joints in zip(
-        *at[1:], measured.distance, gradients, strict=True
-    ):
-        names = bodies[body].name, problem.spheres[sphere].id
-        yield Contact(float(distance), *names, True, by_joints)
-
-
 def _deepest(found: Iterable[Contact], within: float) -> Contact | None:
     touching = [
         contact
@@ -125,23 +99,21 @@ def _deepest(found: Iterable[Contact], within: float) -> Contact | None:
 def _with_obstacles(
     problem: PlanningProblem, placed: Placed, q: Array, time: float, within: float
 ) -> Iterator[Contact]:
-    """Yield contacts with obstacles that are no spheres, and what may be one."""
-    robot, obstacles = with_bodies(problem.robot), problem.obstacle_bodies
-    if not obstacles:
-        return
+    """Yield contacts with obstacles, and what may be one."""
+    robot, around = with_bodies(problem.robot), surroundings(problem.obstacles)
     at_time = np.array([time])
-    poses = seen_from_chaser(q[None], at_time, obstacles)
-    near = obstacle_bounds(robot, placed, q[None], at_time, obstacles) <= within
+    near = obstacle_bounds(robot, placed, q[None], at_time, around) <= within
     near.reshape(-1)[may_touch(problem, split_obstacles(problem), q, time)] = False
     at = np.nonzero(near)
-    measured = obstacle_distances(robot, placed, poses, obstacles, at)
+    there = around.seen_from_base(q[None], at_time, at[0], at[2])
+    measured = obstacle_distances(robot, placed, there, around, at)
     if measured.distance.min(initial=np.inf) > within:
         return
-    gradients = sphere_gradients(robot, placed, measured, at)[:, 6:]
+    gradients = obstacle_gradients(robot, placed, measured, at)[:, 6:]
     for body, number, distance, by_joints in zip(
         *at[1:], measured.distance, gradients, strict=True
     ):
-        names = robot.bodies[body].name, obstacles[number].id
+        names = in_words(problem.robot, body), problem.obstacles[number].id
         yield Contact(float(distance), *names, True, by_joints)
 
 
@@ -182,30 +154,15 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
         return None
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
-    spheres, obstacles = problem.spheres if robot.bodies else (), problem.obstacle_bodies
-    if not (spheres or obstacles):
-        return None
-    allowed, found = split_spheres(problem).may_touch, list[Contact]()
-    others = split_obstacles(problem).may_touch
-    centers = centers_at(np.array([problem.duration]), problem.spheres)[0]
+    allowed, found = split_obstacles(problem).may_touch, list[Contact]()
+    places = [obstacle_place(one, problem.duration) for one in problem.obstacles]
     for number, body in enumerate(with_bodies(robot).bodies):
         if body.joint != robot.joints + 1:
             continue
-        place = last_joint * body.placement_in_joint
-        for index, sphere in enumerate(spheres):
-            distance = distance_from(body, place.actInv(centers[index])) - sphere.radius
-            if distance <= 0.0 and number * len(spheres) + index not in allowed:
-                found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
-        for index, one in enumerate(obstacles):
-            rotations, positions = one.motion.poses(np.array([problem.duration]))
-            there = pin.SE3(rotations[0], positions[0])
-            distance = distance_between(body.solid, place, one.solid.geometry, there)
-            if distance <= 0.0 and number * len(obstacles) + index not in others:
-                found.append(Contact(distance, body.name, one.id, True, np.zeros(robot.joints)))
+        at = last_joint * body.placement_in_joint
+        for index, (one, there) in enumerate(zip(problem.obstacles, places, strict=True)):
+            distance = distance_between(body.solid, at, one.solid.geometry, there)
+            if distance <= 0.0 and number * len(places) + index not in allowed:
+                name = in_words(robot, number)
+                found.append(Contact(distance, name, one.id, True, np.zeros(robot.joints)))
     return min(found, key=lambda contact: contact.distance, default=None)
-
-
-def _spheres(problem: PlanningProblem, q: Array, time: float) -> tuple[Array, Array]:
-    """Return the spheres' centres in the base frame, (1, spheres, 3), and their radii [m]."""
-    centers = centers_in_base(q[None], centers_at(np.array([time]), problem.spheres))
-    return centers, np.array([sphere.radius for sphere in problem.spheres])

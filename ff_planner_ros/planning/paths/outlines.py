@@ -9,11 +9,8 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.bodies import placed_bodies
-from ff_planner_ros.planning.distance.obstacle_distances import (
-    obstacle_bounds,
-    obstacle_distances,
-    seen_from_chaser,
-)
+from ff_planner_ros.planning.distance.body_distances import obstacle_bounds, obstacle_distances
+from ff_planner_ros.planning.distance.surroundings import surroundings
 from ff_planner_ros.planning.paths.path_family import Motion
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -49,9 +46,10 @@ def around_body(
         return None
     robot, q = with_bodies(robot), _with_half_way(straight)
     times = np.linspace(0.0, duration, len(q))
-    placed, poses = placed_bodies(robot, q[:, 7:]), seen_from_chaser(q, times, obstacles)
-    rows = np.nonzero(obstacle_bounds(robot, placed, q, times, obstacles) < _NEAR)
-    found = obstacle_distances(robot, placed, poses, obstacles, rows)
+    placed, around = placed_bodies(robot, q[:, 7:]), surroundings(tuple(obstacles))
+    rows = np.nonzero(obstacle_bounds(robot, placed, q, times, around) < _NEAR)
+    there = around.seen_from_base(q, times, rows[0], rows[2])
+    found = obstacle_distances(robot, placed, there, around, rows)
     if found.distance.min(initial=np.inf) >= _NEAR:
         return None
     deepest = int(found.distance.argmin())

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.distance.allowed_contact import may_touch, split_obstacles
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_distances import obstacle_bounds, obstacle_distances
+from ff_planner_ros.planning.distance.surroundings import surroundings
 from ff_planner_ros.planning.motion.forward import carried_base
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.paths.start_motion import FASTEST_CHANGE
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.collision.lines import in_words, with_bodies
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import base_twist, total_momentum
 
@@ -94,55 +98,40 @@ def approached(problem: PlanningProblem, distances: Distances) -> Approached | N
     return Approached(int(near[worst]), found, found - float(at_most[worst]), float(speed))
 
 
-def refuse_approached(
-    problem: PlanningProblem, distances: Distances, names: Callable[[int], tuple[str, str]]
-) -> None:
-    """Refuse a start that moves into an obstacle in any plan.
+def refuse_approached(problem: PlanningProblem, q_start: Array) -> None:
+    """Refuse a start with a body, or centre line, that moves into an obstacle in any plan.
 
     Args:
-        names: Returns the names of a pair's body and obstacle.
+        q_start: Configuration at the start. Shape (7 + joints,).
 
     Raises:
         InvalidInput: Such a collision is certain (START_IN_COLLISION).
     """
-    found = approached(problem, distances)
-    if found is None:
+    robot, around, now = with_bodies(problem.robot), surroundings(problem.obstacles), np.zeros(1)
+    if not problem.obstacles:
         return
-    body, obstacle = names(found.pair)
-    raise InvalidInput(
-        Status.START_IN_COLLISION,
-        f"obstacles[{obstacle}]",
-        f"{found.clearance * 1e3:.3f} mm from {body}, which nears it by {found.speed:.3g} m/s",
-        f"at this speed {found.needed * 1e3:.3f} mm are needed at the start, or else no plan stops "
-        "it before they touch; start further away, or slower",
-    )
-
-
-def refuse_bodies_approached(
-    problem: PlanningProblem,
-    near: Array,
-    distances: Callable[[Array, Array, tuple[Indices, ...]], Array],
-    ids: Sequence[str],
-) -> None:
-    """Refuse a start with a body that moves into an obstacle in any plan.
-
-    Args:
-        near: Whether a body may be near an obstacle that it must not touch. (bodies, obstacles).
-        distances: Returns distances [m] for configurations, times, and index arrays of
-            configurations, bodies and obstacles.
-        ids: Names of the obstacles.
-
-    Raises:
-        InvalidInput: Such a collision is certain (START_IN_COLLISION).
-    """
+    placed = placed_bodies(robot, q_start[None, 7:])
+    near = obstacle_bounds(robot, placed, q_start[None], now, around)[0] < NEAR
+    near.reshape(-1)[may_touch(problem, split_obstacles(problem), q_start, 0.0)] = False
     bodies, numbers = np.nonzero(near)
     if not bodies.size:
         return
 
-    def of_pairs(q: Array, times: Array) -> Array:
+    def distances(q: Array, times: Array) -> Array:
         at = np.repeat(np.arange(len(q)), len(bodies))
         rows = at, np.tile(bodies, len(q)), np.tile(numbers, len(q))
-        return distances(q, times, rows).reshape(len(q), -1)
+        there = around.seen_from_base(q, times, rows[0], rows[2])
+        found = obstacle_distances(robot, placed_bodies(robot, q[:, 7:]), there, around, rows)
+        return found.distance.reshape(len(q), -1)
 
-    names = [body.name for body in with_bodies(problem.robot).bodies]
-    refuse_approached(problem, of_pairs, lambda pair: (names[bodies[pair]], ids[numbers[pair]]))
+    found = approached(problem, distances)
+    if found is None:
+        return
+    body = in_words(problem.robot, int(bodies[found.pair]))
+    raise InvalidInput(
+        Status.START_IN_COLLISION,
+        f"obstacles[{problem.obstacles[numbers[found.pair]].id}]",
+        f"{found.clearance * 1e3:.3f} mm from {body}, which nears it by {found.speed:.3g} m/s",
+        f"at this speed {found.needed * 1e3:.3f} mm are needed at the start, or else no plan stops "
+        "it before they touch; start further away, or slower",
+    )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.approach import ApproachCorridor
-from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.camera_view import CameraView
-from ff_planner_ros.planning.requirements.clearance import Clearance
+from ff_planner_ros.planning.requirements.clear_of_itself import ClearOfItself
+from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
 from ff_planner_ros.planning.requirements.goal import Goal
 from ff_planner_ros.planning.requirements.limits.capture_impulse import CaptureImpulse
 from ff_planner_ros.planning.requirements.limits.chaser_rotation import (
@@ -21,7 +21,6 @@ from ff_planner_ros.planning.requirements.limits.joint_limits import (
 from ff_planner_ros.planning.requirements.limits.loads import GraspWrench, Torques
 from ff_planner_ros.planning.requirements.limits.wheels import WheelLimits
 from ff_planner_ros.planning.requirements.momentum import Momentum
-from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
 from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
@@ -29,10 +28,8 @@ from ff_planner_ros.planning.requirements.start_velocity import StartVelocity
 
 # Checked for every plan, in this order.
 REQUIREMENTS: tuple[Requirement, ...] = (
-    Clearance(),
-    BodyClearance(),
-    ObstacleClearance(),
-    SelfClearance(),
+    ClearOfObstacles(),
+    ClearOfItself(),
     ApproachCorridor(),
     CameraView(),
     JointPositions(),

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
+from collections.abc import Sequence
 
-from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.distance.start_room import LEAST_CLEARANCE
+from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -24,19 +23,11 @@ class KeptClear(Requirement):
         return settings.clearance_margin
 
 
-def detours(problem: PlanningProblem) -> tuple[str, ...]:
-    """Return advice for a body that is in an obstacle on the way."""
-    posture = problem.posture
-    ends = "" if posture is not None and posture.at_rest else "goal or "
-    aside = f"a {ends}start posture on another side of the obstacle"
-    return "a longer duration", aside, "more planner.starts"
-
-
 def collision(
-    samples: Samples, least: Least, first: str, second: str, advice: tuple[str, ...]
+    samples: Samples, least: Least, names: Sequence[str], advice: tuple[str, ...]
 ) -> Failure:
-    """Return the failure of two bodies whose certified distance is not positive."""
-    when = samples.at(least.time)
+    """Return the failure of two bodies, by their names, whose certified distance is negative."""
+    (first, second), when = names, samples.at(least.time)
     if least.found >= 0.0:
         return Failure(
             Status.COLLISION,
@@ -49,30 +40,4 @@ def collision(
     margin = ("a smaller planner.clearance_margin",) if shallow else ()
     return Failure(
         Status.COLLISION, f"{first} is {depth:.3g} m inside {second} at {when}", (*advice, *margin)
-    )
-
-
-def refuse_nearness(obstacle: str, body: str, distance: float, what: str, way_out: str) -> NoReturn:
-    """Refuse a start inside an obstacle, or nearer than `LEAST_CLEARANCE`.
-
-    Args:
-        distance: Between both; negative: penetration depth [m].
-        what: Noun for what must be outside: arm or robot.
-        way_out: Words on how to get out.
-
-    Raises:
-        InvalidInput: Always.
-    """
-    value, allowed = (
-        f"around {body}, {-distance:.4f} m deep",
-        f"at the start the {what} must be outside every obstacle",
-    )
-    if distance > 0.0:
-        value = f"{distance * 1e3:.4f} mm from {body}"
-        allowed = (
-            f"a start needs a clearance of {LEAST_CLEARANCE * 1e3:g} mm from every obstacle; start "
-            "further away"
-        )
-    raise InvalidInput(
-        Status.START_IN_COLLISION, f"obstacles[{obstacle}]", value, allowed + way_out
     )

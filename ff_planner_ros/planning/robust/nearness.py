@@ -7,7 +7,6 @@ runs need be measured. A part is a body or a centre line.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,17 +15,14 @@ from numpy.typing import NDArray
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.allowed_contact import kept_apart
 from ff_planner_ros.planning.distance.bodies import Placed, centers_in_base, placed_bodies
-from ff_planner_ros.planning.distance.body_distances import Distances, sphere_distances
-from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, segments
-from ff_planner_ros.planning.distance.obstacle_distances import (
+from ff_planner_ros.planning.distance.body_distances import obstacle_bounds, obstacle_distances
+from ff_planner_ros.planning.distance.solids_apart import Distances
+from ff_planner_ros.planning.distance.surroundings import (
     Poses,
-    around_obstacles,
-    obstacle_bounds,
-    obstacle_distances,
-    poses_at,
-    seen_from_chaser,
+    Surroundings,
+    obstacle_poses,
+    surroundings,
 )
-from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.settings import MOST_SIGMAS
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -45,23 +41,21 @@ _AT_ONCE = 20_000  # distances whose derivatives are in memory
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """Distances of parts from obstacles along the planned motion; spheres are the first obstacles.
+    """Distances of parts from obstacles along the planned motion.
 
-    Centre and radius of an obstacle are those of its bounding sphere.
+    Centres of obstacles are those of their bounding spheres.
     """
 
-    robot: Robot
+    robot: Robot  # its bodies are the parts
     base_q: Array  # shape (times, 7 + joints)
-    others: tuple[Obstacle, ...]  # the obstacles that are no spheres
-    rotations: Array  # of their axes to inertial axes; shape (times, others, 3, 3)
-    radius: Array  # of the obstacles; shape (obstacles,) [m]
-    centers: Array  # of the obstacles, inertial frame; shape (times, obstacles, 3) [m]
+    around: Surroundings
+    rotations: Array  # of the obstacles' axes to inertial axes; shape (times, obstacles, 3, 3)
+    origins: Array  # of the obstacles, inertial frame; shape (times, obstacles, 3) [m]
+    centers: Array  # likewise
     distance: Array  # infinite where they may touch; shape (times, parts, obstacles) [m]
     normal: Array  # from part to obstacle, inertial axes; shape (times, parts, obstacles, 3)
     places: Array  # on the line through both nearest points, inertial frame; likewise [m]
-    placed: Placed | None  # of the bodies; None: parts are the arm's lines
-    ends: Array  # of the lines, base frame; shape (times, joints + 1, 3) [m]
-    starts: Indices  # of the lines
+    placed: Placed
 
     @property
     def is_empty(self) -> bool:
@@ -117,10 +111,10 @@ class Nearness:
         base = rotation_base_to_inertial(self.base_q)
         modelled = np.einsum("tji,tsj->tsi", base, self.centers - self.base_q[:, None, :3])
         moved = np.linalg.norm(seen - modelled[:, None], axis=-1)  # (times, runs, obstacles)
-        others = slice(len(self.radius) - len(self.others), None)
-        if self.others:  # one that is turned about its centre moves by its radius times this
-            turned = np.linalg.norm(rotations - base[:, None], axis=(-2, -1)) / np.sqrt(2.0)
-            moved[:, :, others] += turned[:, :, None] * self.radius[others]
+        # One that is turned about its centre moves by its radius times this.
+        turned = np.linalg.norm(rotations - base[:, None], axis=(-2, -1)) / np.sqrt(2.0)
+        radii = np.where(self.around.are_spheres, 0.0, self.around.radii)
+        moved += turned[:, :, None] * radii
         nearest = self.distance.min(axis=1)  # (times, obstacles)
         highest = (nearest[:, None] + moved).min(axis=(0, 2))
         furthest = moved.max(axis=1)  # (times, obstacles)
@@ -130,50 +124,26 @@ class Nearness:
             (self.distance[rows] - moved[time, :, obstacle].T) <= highest[:, None]
         )
         which = time[index], part[index], obstacle[index]
-        distances = np.empty(len(index))
-        of_spheres = which[2] < others.start
-        some = tuple(each[of_spheres] for each in which)
-        distances[of_spheres] = self._from_spheres(
-            some, seen[some[0], runs_of[of_spheres], some[2]]
-        )
-        distances[~of_spheres] = self._from_others(
-            tuple(each[~of_spheres] for each in which), runs_of[~of_spheres], rotations, seen
-        )
+        distances = self._as_seen(which, rotations[which[0], runs_of], positions[which[0], runs_of])
         least = np.full(runs, np.inf)
         np.minimum.at(least, runs_of, distances)
         return least
 
-    def _from_spheres(self, rows: tuple[Indices, ...], centers: Array) -> Array:
-        return measured(
-            self.robot, self.placed, self.ends, self.starts, rows, centers, self.radius
-        )[0]
-
-    def _from_others(
-        self, rows: tuple[Indices, ...], runs: Indices, rotations: Array, seen: Array
-    ) -> Array:
-        """Return the distances from obstacles that are no spheres, as runs see them.
+    def _as_seen(self, rows: tuple[Indices, ...], rotations: Array, positions: Array) -> Array:
+        """Return distances where the base is elsewhere. Shape (rows,) [m].
 
         Args:
             rows: Times, parts and obstacles.
-            runs: The run of each row.
-            rotations: As in `least`.
-            seen: Centres of the obstacles, from the base. Shape (times, runs, obstacles, 3) [m].
+            rotations: Base to inertial axes. Shape (rows, 3, 3).
+            positions: Of the base, inertial frame. Shape (rows, 3) [m].
         """
-        time, part, obstacle = rows
-        robot, number = with_bodies(self.robot), obstacle - (len(self.radius) - len(self.others))
-        to_base = rotations[time, runs].swapaxes(-1, -2)
-        axes = to_base @ self.rotations[time, number]
-        offsets = np.array([one.solid.center for one in self.others]).reshape(-1, 3)[number]
-        origins = seen[time, runs, obstacle] - np.einsum("rij,rj->ri", axes, offsets)
-        placed = placed_bodies(robot, self.base_q[:, 7:])
-        found, none = np.empty(len(time)), np.zeros(len(time), np.intp)
-        for k in np.unique(number).tolist():
-            of = np.flatnonzero(number == k)
-            poses = Poses(axes[of][:, None], origins[of][:, None])
-            here = Placed(*(each[time[of]] for each in placed))
-            which = np.arange(len(of)), part[of], none[of]
-            found[of] = obstacle_distances(robot, here, poses, self.others[k : k + 1], which)[0]
-        return found
+        time, _, obstacle = rows
+        to_base = rotations.swapaxes(-1, -2)
+        away = self.origins[time, obstacle] - positions
+        there = Poses(
+            to_base @ self.rotations[time, obstacle], np.einsum("rij,rj->ri", to_base, away)
+        )
+        return obstacle_distances(self.robot, self.placed, there, self.around, rows).distance
 
 
 def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
@@ -184,110 +154,58 @@ def nearness(robot: Robot, q: Array, times: Array, scene: Scene) -> Nearness:
         times: Shape (times,) [s].
         scene: In the frame of q.
     """
-    spheres, others = scene.spheres, scene.obstacle_bodies
-    centers = centers_at(times, spheres)
-    at_origin = q.copy()
-    at_origin[:, :7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-    ends = arm_points(robot, at_origin)
-    placed = placed_bodies(robot, q[:, 7:]) if robot.bodies else None
-    starts = segments(ends)
-    base = rotation_base_to_inertial(q)
-    seen = np.einsum("tji,tsj->tsi", base, centers - q[:, None, :3])
-    shape = (len(q), len(robot.bodies) or len(starts), len(spheres))
-    rows = np.nonzero(np.ones(shape, bool))
-    radius = np.array([sphere.radius for sphere in spheres])
-    distance, normal = measured(robot, placed, ends, starts, rows, seen[rows[0], rows[2]], radius)
-    distance, normal = distance.reshape(shape), normal.reshape(*shape, 3)
-    places = np.broadcast_to(centers[:, None], normal.shape)
-    counts = kept_apart(robot, (*spheres, *others), scene, q, times).at(np.arange(len(q)))
-    if others:
-        around, radii = around_obstacles(others, times)
-        found = _to_others(robot, q, times, others, counts[:, :, len(spheres) :])
-        distance = np.concatenate([distance, found.distance], axis=2)
-        places = np.concatenate([places, found.point], axis=2)
-        normal = np.concatenate([normal, found.normal], axis=2)
-        centers, radius = np.concatenate([centers, around], axis=1), np.append(radius, radii)
-    every = np.nonzero(np.ones(distance.shape, bool))
+    obstacles = tuple(scene.obstacles)
+    around, counts = surroundings(obstacles), kept_apart(robot, obstacles, scene, q, times)
+    robot, base = with_bodies(robot), rotation_base_to_inertial(q)
+    placed, has_to = placed_bodies(robot, q[:, 7:]), counts.at(np.arange(len(q)))
+    found = _distances(robot, placed, q, times, around, has_to)
+    poses = [obstacle_poses(one, times) for one in obstacles]
     return Nearness(
         robot=robot,
         base_q=q,
-        others=others,
-        rotations=poses_at(times, others)[0],
-        radius=radius,
-        centers=centers,
-        distance=np.where(counts, distance, np.inf),
-        normal=np.einsum("rij,rj->ri", base[every[0]], normal[every]).reshape(normal.shape),
-        places=places,
+        around=around,
+        rotations=np.reshape([turned for turned, _ in poses], (-1, len(q), 3, 3)).swapaxes(0, 1),
+        origins=np.reshape([moved for _, moved in poses], (-1, len(q), 3)).swapaxes(0, 1),
+        centers=around.centers(times),
+        distance=np.where(has_to, found.distance, np.inf),
+        normal=np.einsum("tij,tpoj->tpoi", base, found.normal),
+        places=q[:, None, None, :3] + np.einsum("tij,tpoj->tpoi", base, found.point),
         placed=placed,
-        ends=ends,
-        starts=starts,
     )
 
 
-def _to_others(
+def _distances(
     robot: Robot,
+    placed: Placed,
     q: Array,
     times: Array,
-    others: Sequence[Obstacle],
-    counts: NDArray[np.bool_],
+    around: Surroundings,
+    has_to: NDArray[np.bool_],
 ) -> Distances:
-    """Return distances of parts from obstacles that are no spheres, each (times, parts, others).
+    """Return distances of parts from obstacles, each of shape (times, parts, obstacles, ...).
 
-    Large ones are lower bounds, by bounding spheres.
+    Large ones of other obstacles than spheres are lower bounds, by bounding spheres.
 
     Args:
-        counts: What must not touch. Shape (times, parts, others).
+        has_to: What must not touch. Shape (times, parts, obstacles).
 
     Returns:
-        Points in inertial axes, normals seen from the base.
+        Points and normals are seen from the base.
     """
-    robot, base = with_bodies(robot), rotation_base_to_inertial(q)
-    placed, poses = placed_bodies(robot, q[:, 7:]), seen_from_chaser(q, times, others)
-    centers = centers_in_base(q, around_obstacles(others, times)[0])
+    centers = centers_in_base(q, around.centers(times))
     way = centers[:, None] - placed.centers[:, :, None]
     normal = way / np.maximum(np.linalg.norm(way, axis=-1), _SAME_POINT)[..., None]
     point = np.broadcast_to(centers[:, None], way.shape).copy()
-    distance = obstacle_bounds(robot, placed, q, times, others)
-    lowest = np.where(counts, distance, np.inf)
-    nearest = np.unravel_index(lowest.argmin(), lowest.shape)
-    met = obstacle_distances(robot, placed, poses, others, tuple(at.reshape(1) for at in nearest))
-    rows = np.nonzero(lowest <= met.distance[0] + _NOT_MEASURED)
-    distance[rows], point[rows], normal[rows] = obstacle_distances(
-        robot, placed, poses, others, rows
-    )
-    to_inertial = np.einsum("tij,tpoj->tpoi", base, point)
-    return Distances(distance, q[:, None, None, :3] + to_inertial, normal)
+    distance = obstacle_bounds(robot, placed, q, times, around)
+    lowest = np.where(has_to, distance, np.inf)
 
+    def measure(rows: tuple[Indices, ...]) -> Distances:
+        there = around.seen_from_base(q, times, rows[0], rows[2])
+        return obstacle_distances(robot, placed, there, around, rows)
 
-def measured(
-    robot: Robot,
-    placed: Placed | None,
-    ends: Array,
-    starts: Indices,
-    rows: tuple[Indices, ...],
-    centers: Array,
-    radius: Array,
-) -> tuple[Array, Array]:
-    """Return distances [m] of parts from spheres, and the unit vectors to these, in base axes.
-
-    Args:
-        placed: Bodies at all times; None: lines count.
-        ends: As in `Nearness`.
-        starts: As in `Nearness`.
-        rows: Times, parts and spheres, each of shape (rows,).
-        centers: Of the spheres, base frame. Shape (rows, 3) [m].
-        radius: Of all spheres. Shape (spheres,) [m].
-    """
-    time, part, sphere = rows
-    if placed is not None:
-        of_rows = Placed(*(each[time] for each in placed))
-        none = np.zeros(len(time), np.intp)
-        numbers = np.arange(len(time)), part, none
-        found = sphere_distances(robot, of_rows, centers[:, None], np.zeros(1), numbers)
-        return found.distance - radius[sphere], found.normal
-    start, end = ends[time, starts[part]], ends[time, starts[part] + 1]
-    along = end - start
-    fraction = np.einsum("ri,ri->r", centers - start, along) / np.einsum("ri,ri->r", along, along)
-    way = centers - start - np.clip(fraction, 0.0, 1.0)[:, None] * along
-    length = np.linalg.norm(way, axis=1)
-    return length - radius[sphere], way / np.maximum(length, _SAME_POINT)[:, None]
+    if lowest.size:
+        first = np.unravel_index(lowest.argmin(), lowest.shape)
+        met = measure(tuple(np.atleast_1d(at) for at in first)).distance[0]
+        rows = np.nonzero((lowest <= met + _NOT_MEASURED) | around.are_spheres)
+        distance[rows], point[rows], normal[rows] = measure(rows)
+    return Distances(distance, point, normal)

@@ -13,12 +13,11 @@ from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
-from ff_planner_ros.planning.requirements.clearance import Clearance
-from ff_planner_ros.planning.requirements.obstacle_clearance import ObstacleClearance
+from ff_planner_ros.planning.requirements.clear_of_itself import ClearOfItself
+from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
 
 # Requirements whose margins are distances.
-CLEARANCES = (Clearance.name, BodyClearance.name, SelfClearance.name, ObstacleClearance.name)
+CLEARANCES = (ClearOfObstacles.name, ClearOfItself.name)
 
 
 @dataclass(frozen=True)

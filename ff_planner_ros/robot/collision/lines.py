@@ -25,6 +25,14 @@ def with_bodies(robot: Robot) -> Robot:
     return robot if robot.bodies else replace(robot, bodies=_lines(robot))
 
 
+def in_words(robot: Robot, body: int) -> str:
+    """Return the name of a body, or words for a centre line, by its number in `with_bodies`."""
+    if robot.bodies:
+        return robot.bodies[body].name
+    ends, start = (*robot.joint_names, robot.tip_link), with_bodies(robot).bodies[body].joint - 2
+    return f"the link from {ends[start]} to {ends[start + 1]}"
+
+
 def _lines(robot: Robot) -> tuple[Body, ...]:
     """Return a body for each line from a joint to the next one or to the end effector."""
     ends = (*robot.joint_names, robot.tip_link)

@@ -18,7 +18,7 @@ from ff_planner_ros.analysis.drawing.surroundings import constraint_lines
 from ff_planner_ros.analysis.nearest import Nearest, nearest_of
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.obstacle_distances import obstacle_poses
+from ff_planner_ros.planning.distance.surroundings import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.obstacles import Obstacle, attached
