@@ -9,7 +9,6 @@ the table takes up the other components, and no function here reads them.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from math import factorial
 from typing import NamedTuple
 
@@ -147,7 +146,6 @@ class _Size(NamedTuple):
     inertia: float  # largest about the centre of mass [kg m2]
 
 
-@lru_cache(maxsize=8)
 def _sizes(robot: Robot) -> list[_Size]:
     """Return the sizes of all bodies, by joint."""
     bodies = list(robot.model.inertias)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import coal
 import numpy as np
 import pinocchio as pin
@@ -169,7 +167,6 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: A
         )
 
 
-@lru_cache(maxsize=8)
 def _reach(robot: Robot) -> float:
     """Return an upper bound of the end effector's distance from the centre of mass [m]."""
     model = robot.model

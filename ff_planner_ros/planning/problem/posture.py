@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -128,7 +127,6 @@ GOAL = replace(
 )
 
 
-@lru_cache(maxsize=8)  # every duration of a problem needs it
 def end_effector_at(robot: Robot, start: SystemState) -> Target:
     """Return the end effector's place in a state as a target of free orientation.
 

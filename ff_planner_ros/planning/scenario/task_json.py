@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import Any
 
 from ff_planner_ros.common.declared import declared_by_name
@@ -37,7 +36,6 @@ def task_json(task: PlanningTask, urdf: str = "") -> str:
     return json.dumps(task_document(task, urdf_digest(drawn) if drawn == urdf else drawn))
 
 
-@lru_cache(maxsize=8)  # a bag names one URDF in each of its tasks
 def urdf_digest(urdf: str) -> str:
     """Return the name of a URDF in the text of a task: its SHA-256."""
     return _DIGEST + hashlib.sha256(urdf.encode()).hexdigest()
