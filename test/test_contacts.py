@@ -156,13 +156,12 @@ def test_obstacles_of_any_shape_are_in_mujoco_as_coal_measures_them(
     in_mujoco = np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]])
     deep = depths(engine, in_mujoco, float(time[0]))
     placed = placed_bodies(robot, q[None, 7:])
-    ordered = Scene(obstacles).obstacle_bodies
     rows = every_row(1, len(robot.bodies), 15)
-    found = distances_from(robot, placed, q[None], time, ordered, rows).distance
+    found = distances_from(robot, placed, q[None], time, obstacles, rows).distance
     model, data = engine._model, engine._data
     seen = 0
     for _, body, number, distance in zip(*rows, found, strict=True):
-        one, name = ordered[number], f"{robot.bodies[body].name}/{ordered[number].id}"
+        one, name = obstacles[number], f"{robot.bodies[body].name}/{obstacles[number].id}"
         geoms = model.geom(f"body {body}").id, model.geom(f"obstacle {number}").id
         by_mujoco = mujoco.mj_geomDistance(model, data, *geoms, 50.0, np.zeros(6))
         if distance > 0.0:

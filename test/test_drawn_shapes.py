@@ -267,16 +267,16 @@ def test_figures_have_the_outlines_of_bodies(capture: PlanningProblem, draw: str
         figure = view_from_above(capture, motions)
         (axes,) = figure.axes
         patches = [patch for patch in axes.patches if isinstance(patch, Polygon)]
-        moving = [one for one in capture.obstacle_bodies if one.moves]
-        assert len(patches) == len(capture.obstacle_bodies) + len(moving)
+        moving = [one for one in capture.obstacles if one.moves]
+        assert len(patches) == len(capture.obstacles) + len(moving)
     else:
         figure = capture_figure(capture, body_of(capture), motions)
         axes, seen = figure.axes[:2]
         patches = [patch for patch in axes.patches if isinstance(patch, Polygon)]
-        assert len(patches) == 2 * len(capture.obstacle_bodies)
-        free = [one for one in capture.obstacle_bodies if one.body is None]
+        assert len(patches) == 2 * len(capture.obstacles)
+        free = [one for one in capture.obstacles if one.body is None]
         outlines = [patch for patch in seen.patches if isinstance(patch, Polygon)]
-        assert len(outlines) == len(capture.obstacle_bodies) + len(free)
+        assert len(outlines) == len(capture.obstacles) + len(free)
     assert all(len(patch.get_xy()) > 3 for patch in patches)
 
 

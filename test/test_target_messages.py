@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from ff_planner_msgs.msg import Goal, PlanRequest, Scene, TargetBody
 from heard_inputs import HeardScenes
-from matplotlib.patches import Circle
+from matplotlib.patches import Polygon
 from recorded_requests import motions_in, only_request
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
@@ -413,15 +413,19 @@ def test_the_capture_is_drawn_where_an_independent_engine_moves_the_body(
         assert np.asarray(way.get_xydata()) == pytest.approx(tips[:, plane], abs=1e-6)
         (mark,) = (line for line in axes.lines if line.get_label() == "grasp")
         assert np.asarray(mark.get_xydata())[0] == pytest.approx(grasp[plane], abs=1e-6)
-        circles = [one for one in axes.patches if isinstance(one, Circle) and one.get_fill()]
-        for circle, part in zip(circles, body.obstacles, strict=True):
+        outlines = [one for one in axes.patches if isinstance(one, Polygon) and one.get_fill()]
+        for outline, part in zip(outlines, body.obstacles, strict=True):
             at = (
                 centers[-1] + attitudes[-1].apply(part.position.copy())
                 if axes is inertial
                 else part.position
             )
-            assert circle.center == pytest.approx(at[plane], abs=1e-6)
-            assert circle.radius == part.radius
+            corners = outline.get_xy()
+            middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+            assert middle == pytest.approx(at[plane], abs=1e-6)
+            away = np.linalg.norm(corners - at[plane], axis=1)
+            assert away.max() == pytest.approx(part.radius, abs=2e-6)
+            assert away.min() > 0.98 * part.radius
     drawn = np.asarray(distance.lines[0].get_ydata())
     assert drawn == pytest.approx(np.linalg.norm(motion.ee_positions - grasps, axis=1), abs=1e-6)
     assert np.asarray(speed.lines[0].get_ydata())[-1] < 1e-5

@@ -53,7 +53,7 @@ def part_or_entry(key: str, kind: type[Any], entry: type[Any]) -> Form:
         key: Key of the first way, by which files tell it from the second.
         kind: Class of the object, with the declared fields of the first way.
         entry: Class with those of the second: `made()` returns the object, `entry.of(object)` its
-            entry, or None if it has none.
+            entry; for objects that are spheres.
     """
     usual, second = part(kind), part(entry)
 
@@ -66,6 +66,6 @@ def part_or_entry(key: str, kind: type[Any], entry: type[Any]) -> Form:
         read,
         lambda: {"anyOf": [second.schema(), usual.schema()]},
         lambda field, value: an_object(field, value, kind),
-        lambda value: written_object(entry.of(value) or value),
+        lambda value: written_object(entry.of(value) if value.is_sphere else value),
         from_message=lambda field, message: second.from_message(field, message).made(),
     )

@@ -124,7 +124,8 @@ def _sphere(field: str, message: Any) -> Obstacle:
             "that is fixed to it, is a target_body",
         )
     with fields_named(names_in(SphereEntry, f"obstacles[{message.id}]", field)):
-        return SphereEntry(**values_in(SphereEntry, message)).made()
+        sphere: Obstacle = SphereEntry(**values_in(SphereEntry, message)).made()
+        return sphere
 
 
 def _body(field: str, message: Any) -> Obstacle:

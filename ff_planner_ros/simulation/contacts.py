@@ -17,8 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.clearance import centers_at
-from ff_planner_ros.planning.problem.problem import Obstacle
+from ff_planner_ros.planning.distance.obstacle_distances import poses_at
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -75,7 +74,7 @@ class Touch:
         Raises:
             InvalidInput: MuJoCo refuses a shape.
         """
-        obstacles: tuple[Obstacle, ...] = (*scene.spheres, *scene.obstacle_bodies)
+        obstacles = scene.obstacles
         robot = with_bodies(robot)
         spec, names = specification(robot.urdf)
         spec.compiler.discardvisual = False  # else what is in no pair is left out
@@ -112,12 +111,7 @@ class Touch:
 
     def _places(self, times: Array) -> tuple[Array, Array]:
         """Return obstacle positions, (times, obstacles, 3), and quaternions, (..., 4), w first."""
-        rotations = np.tile(np.eye(3), (len(times), len(self._scene.obstacles), 1, 1))
-        positions = np.empty((len(times), len(self._scene.obstacles), 3))
-        spheres = self._scene.spheres
-        positions[:, : len(spheres)] = centers_at(times, spheres)
-        for number, one in enumerate(self._scene.obstacle_bodies, start=len(spheres)):
-            rotations[:, number], positions[:, number] = one.motion.poses(times)
+        rotations, positions = poses_at(times, self._scene.obstacles)
         return positions, np.roll(quaternion_from_rotation(rotations), 1, axis=-1)
 
     def _seen(

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Polygon
 
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface, outline, placed
 from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.surroundings import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -83,20 +82,13 @@ def _draw_view(
     )
     here = list(plane)
     moments = np.array([0.0, problem.duration])
-    for number, sphere in enumerate(problem.spheres):
-        centers = obstacle_poses(sphere, moments)[1]
-        begin, end = _seen(body, moments, centers[:, None], rides)[:, 0][:, here]
-        labels = ("sphere at the start", "at the capture") if number == 0 else (None, None)
-        if not rides or sphere.body is None:
-            circle = Circle(tuple(begin), sphere.radius, label=labels[0], **_AT_START)
-            axes.add_patch(circle)
-        axes.add_patch(Circle(tuple(end), sphere.radius, label=labels[1], **_AT_CAPTURE))
-    for one in problem.obstacle_bodies:
+    for number, one in enumerate(problem.obstacles):
         corners, _ = obstacle_surface(one, _AROUND)
         begin, end = _seen(body, moments, placed(one, corners, moments), rides)[..., here]
+        labels = ("obstacle at the start", "at the capture") if number == 0 else (None, None)
         if not rides or one.body is None:
-            axes.add_patch(Polygon(outline(begin), **_AT_START))
-        axes.add_patch(Polygon(outline(end), **_AT_CAPTURE))
+            axes.add_patch(Polygon(outline(begin), label=labels[0], **_AT_START))
+        axes.add_patch(Polygon(outline(end), label=labels[1], **_AT_CAPTURE))
     for method, motion in motions.items():
         _draw_motion(axes, problem, body, method, motion, here, rides)
     times = np.linspace(0.0, problem.duration, 50)

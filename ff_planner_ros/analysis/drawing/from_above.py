@@ -7,13 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Polygon
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.drawing.obstacle_surfaces import obstacle_surface, outline, placed
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.distance.surroundings import obstacle_poses
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
@@ -29,20 +28,13 @@ def view_from_above(problem: PlanningProblem, motions: Mapping[Method, Trajector
     """Draw chaser, arm, obstacles and target in the inertial x-y plane; later is darker."""
     figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     axes = figure.add_subplot()
-    for sphere in problem.spheres:
-        begin, end = obstacle_poses(sphere, np.array([0.0, problem.duration]))[1][:, :2]
-        axes.add_patch(Circle(tuple(begin), sphere.radius, color=_OBSTACLE))
-        if sphere.moves:
-            axes.add_patch(Circle(tuple(end), sphere.radius, fill=False, ls="--", ec=_OBSTACLE))
-        axes.annotate(sphere.id, tuple(begin), ha="center", va="center", fontsize=8)
-    for body in problem.obstacle_bodies:
-        corners, _ = obstacle_surface(body, _AROUND)
-        begin, end = placed(body, corners, np.array([0.0, problem.duration]))[..., :2]
+    for one in problem.obstacles:
+        corners, _ = obstacle_surface(one, _AROUND)
+        begin, end = placed(one, corners, np.array([0.0, problem.duration]))[..., :2]
         axes.add_patch(Polygon(outline(begin), color=_OBSTACLE))
-        if body.moves:
+        if one.moves:
             axes.add_patch(Polygon(outline(end), fill=False, ls="--", ec=_OBSTACLE))
-        middle = begin.mean(axis=0)
-        axes.annotate(body.id, tuple(middle), ha="center", va="center", fontsize=8)
+        axes.annotate(one.id, tuple(begin.mean(axis=0)), ha="center", va="center", fontsize=8)
     for method, motion in motions.items():
         _draw_motion(axes, problem, method, motion)
     target = problem.target

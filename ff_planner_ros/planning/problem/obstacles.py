@@ -18,11 +18,15 @@ from ff_planner_ros.common.declared import (
     declare_velocity,
 )
 from ff_planner_ros.common.declared_parts import part_or_entry
-from ff_planner_ros.common.forms import NAME, QUATERNION, Form, a_vector
+from ff_planner_ros.common.forms import QUATERNION, Form, a_vector
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.target_body import MOST_TURNS, TargetBody
-from ff_planner_ros.robot.collision.solids import RADIUS, SPHERE, MeshFile, Shaped, Solid
+from ff_planner_ros.planning.problem.target_body import (
+    MOST_TURNS,
+    AttachedSphereEntry,
+    TargetBody,
+)
+from ff_planner_ros.robot.collision.solids import MeshFile, Shaped
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 from ff_planner_ros.robot.rotation import cross
@@ -201,15 +205,14 @@ class Obstacle(Shaped):
             InvalidInput: Wrong size, not finite, or a radius out of range.
         """
         going = zero_vector() if velocity is None else velocity
-        return SphereEntry(name, center, radius, going).made()
+        made: Obstacle = SphereEntry(name, center, radius, going).made()
+        return made
 
     @property
     def center(self) -> Array:
         """Centre of `radius` at the plan's first point, in the inertial frame. Shape (3,) [m]."""
-        motion = self.motion
-        if self.is_sphere:
-            return motion.position
-        return np.asarray(motion.position + motion.rotation @ self.solid.center, np.float64)
+        there: Array = self.motion.position + self.motion.rotation @ self.solid.center
+        return there
 
     @property
     def body(self) -> TargetBody | None:
@@ -244,34 +247,27 @@ class Obstacle(Shaped):
 
 
 @dataclass(frozen=True, eq=False)
-class SphereEntry:
+class SphereEntry(AttachedSphereEntry):
     """A sphere that is not fixed to a target body, as files and messages have it."""
 
-    id: str = declare(NAME, "name in messages, unique", message="id")
+    PLACE: ClassVar[str] = Obstacle.PLACE
+
     center: Array = declare(
         a_vector(),
         "at the plan's first point, not when the state was measured",
         unit="m",
         message="center",
     )
-    radius: float = declare(RADIUS, "obstacle plus link", unit="m", message="radius")
     velocity: Array = declare_velocity("linear", "constant", brief=True)
 
-    def __post_init__(self) -> None:
-        """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"{Obstacle.PLACE}[{self.id}]")
-
     @classmethod
-    def of(cls, one: Obstacle) -> SphereEntry | None:
-        """Return the entry of an obstacle; None: it is no sphere."""
-        if not one.is_sphere:
-            return None
+    def of(cls, one: Any) -> SphereEntry:
+        """Return the entry of an obstacle that is a sphere."""
         return cls(one.id, one.motion.position, one.radius, one.motion.velocity)
 
-    def made(self) -> Obstacle:
+    def made(self) -> Any:
         """Return the obstacle."""
-        solid = Solid(SPHERE, np.array([self.radius]))
-        return Obstacle(self.id, solid, RigidMotion(self.center, velocity=self.velocity))
+        return Obstacle(self.id, self.solid, RigidMotion(self.center, velocity=self.velocity))
 
 
 # An obstacle in a file has a key `shape`, or a centre and radius

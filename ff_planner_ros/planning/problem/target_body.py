@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -49,14 +49,17 @@ class AttachedObstacle(HeldShape):
     @classmethod
     def sphere(cls, name: str, center: Array, radius: float) -> AttachedObstacle:
         """Return a sphere by its centre, in the body's frame, shape (3,), and its radius [m]."""
-        return AttachedSphereEntry(name, center, radius).made()
+        made: AttachedObstacle = AttachedSphereEntry(name, center, radius).made()
+        return made
 
 
 @dataclass(frozen=True, eq=False)
 class AttachedSphereEntry:
     """A sphere that is fixed to a target body, as files and messages have it."""
 
-    id: str = declare(NAME, "name in messages, unique among all obstacles", message="id")
+    PLACE: ClassVar[str] = AttachedObstacle.PLACE
+
+    id: str = declare(NAME, "name in messages and errors, unique", message="id")
     center: Array = declare(
         a_vector(),
         "from the body's centre of mass",
@@ -68,16 +71,21 @@ class AttachedSphereEntry:
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"{AttachedObstacle.PLACE}[{self.id}]")
+        check_declared(self, f"{self.PLACE}[{self.id}]")
+
+    @property
+    def solid(self) -> Solid:
+        """The sphere as a solid."""
+        return Solid(SPHERE, np.array([self.radius]))
 
     @classmethod
-    def of(cls, one: AttachedObstacle) -> AttachedSphereEntry | None:
-        """Return the entry of an obstacle; None: it is no sphere."""
-        return cls(one.id, one.position, one.radius) if one.is_sphere else None
+    def of(cls, one: Any) -> AttachedSphereEntry:
+        """Return the entry of an obstacle that is a sphere."""
+        return cls(one.id, one.position, one.radius)
 
-    def made(self) -> AttachedObstacle:
+    def made(self) -> Any:
         """Return the obstacle."""
-        return AttachedObstacle(self.id, Solid(SPHERE, np.array([self.radius])), self.center)
+        return AttachedObstacle(self.id, self.solid, self.center)
 
 
 @dataclass(frozen=True, eq=False)

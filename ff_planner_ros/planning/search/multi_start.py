@@ -98,7 +98,9 @@ def _coarse_paths(solver: GridSolver, first_guess: Array | None) -> Iterator[Pat
 def is_promising(coarse: PathSolution, problem: PlanningProblem) -> bool:
     """Tell whether a solution on the coarsest grid is worth solving on finer grids."""
     if coarse.feasible:
-        has_edges = problem.robot.geometry is Geometry.SHAPES or problem.obstacle_bodies
+        has_edges = problem.robot.geometry is Geometry.SHAPES or not all(
+            one.is_sphere for one in problem.obstacles
+        )
         most = _PROMISING_OPTIMALITY_OF_BODIES if has_edges else _PROMISING_OPTIMALITY
         return coarse.stop is Stop.CREEPING or coarse.optimality <= most
     return coarse.at_x.violation <= PROMISING_VIOLATION

@@ -107,8 +107,8 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     ]
     if problem.posture is not None:
         shared.append(int(problem.posture.at_rest))
-    if problem.obstacle_bodies:
-        shared.append([one.shape for one in problem.obstacle_bodies])
+    if shapes := [one.shape for one in problem.obstacles if not one.is_sphere]:
+        shared.append(shapes)
     parts_of_kind = [_canonical_robot(problem.robot), *map(b"".join, map(canonical, shared))]
     kind = hashlib.sha256(b"".join(parts_of_kind)).hexdigest()[:_DIGITS]
     window, lasts = problem.durations, problem.duration
@@ -124,15 +124,13 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     ]
     if problem.posture is not None and problem.posture.positions is not None:
         parts.append(problem.posture.positions)
-    for sphere in problem.spheres:
-        parts += [sphere.motion.position / reach, np.array([sphere.radius / reach])]
-        parts.append(sphere.motion.velocity * lasts / reach)
-    now = np.zeros(1)
-    for one in problem.obstacle_bodies:
-        (axes,), (origin,) = one.motion.poses(now)
-        (twist,) = one.motion.twists(now)
-        parts += [origin / reach, axes.ravel() / np.sqrt(2.0)]
-        parts += [twist[:3] * lasts / reach, twist[3:] * lasts]
+    for one in problem.obstacles:
+        motion = one.motion
+        radius, axes = np.array([one.radius / reach]), motion.rotation.ravel() / np.sqrt(2.0)
+        parts += [motion.position / reach, radius if one.is_sphere else axes]
+        parts.append(motion.velocity * lasts / reach)
+        if not one.is_sphere:
+            parts.append(motion.angular_velocity * lasts)
     return kind, np.concatenate(parts)
 
 

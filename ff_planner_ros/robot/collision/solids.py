@@ -310,7 +310,7 @@ class Shaped:
     @property
     def radius(self) -> float:
         """Radius of the sphere that it is, or of one around it [m]."""
-        return float(self.solid.sizes[0]) if self.is_sphere else self.solid.radius
+        return self.solid.radius
 
 
 Thing = TypeVar("Thing", bound=Shaped)

@@ -246,7 +246,7 @@ def _header(stamp_ns: int, frame_id: str) -> Header:
     return Header(stamp=time_message(stamp_ns), frame_id=frame_id)
 
 
-def _sphere_message(entry: SphereEntry | AttachedSphereEntry | None) -> ObstacleSphere:
+def _sphere_message(entry: AttachedSphereEntry) -> ObstacleSphere:
     message: ObstacleSphere = write_object(entry, ObstacleSphere(), entry_of)
     return message
 
