@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import reference_clearance
+from bodied_robots import random_robot
 from core_rows import EACH, certified_by_core, resting_paths
 from near_bodies import certified_clearance
 from reference_objectives import chaser_euler, joint_path
 from robots import random_state
+from test_body_clearance import random_motion
+from test_body_distances import spheres_around
 from test_core import FREE, PLANAR, SLIDING, agree, chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning import distance
 from ff_planner_ros.planning.check.check import failures, measure
+from ff_planner_ros.planning.distance import body_motion, search_certificate
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.search_certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.motion.metrics import Metrics
@@ -56,6 +64,42 @@ def test_the_check_says_the_same_of_a_plan_with_the_core_taken_away(
         plan(problem, SETTINGS)
     assert said_of(0.0) == sound
     assert said_of(0.4) == spoilt
+
+
+def test_the_search_certifies_the_same_with_the_distances_of_the_check_taken_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Neither what is between two points nor how far bodies move there comes from the check."""
+    robot, rng = random_robot(1), np.random.default_rng(1)
+    motion = random_motion(robot, 1, points=12)
+    (centers,), radii = spheres_around(robot, motion.q[:1], 4, rng)
+    spheres = [
+        Obstacle.sphere(str(k), *one) for k, one in enumerate(zip(centers, radii, strict=True))
+    ]
+    last, chosen = len(motion.time) - 1, np.arange(4 * len(robot.bodies))
+
+    def certified() -> tuple[float, float]:
+        pairs = np.arange(len(robot.pairs))
+        return (
+            search_certificate.search_distance(robot, motion, spheres, chosen, last, 0.0),
+            search_certificate.search_pair_distance(robot, motion, pairs, last, 0.0),
+        )
+
+    def taken_away(*_: object, **__: object) -> None:
+        raise AssertionError("the search asked the check")
+
+    found = certified()
+    for part in pkgutil.iter_modules(distance.__path__, f"{distance.__name__}."):
+        module = importlib.import_module(part.name)
+        if module is search_certificate:
+            continue
+        for name, value in vars(module).items():
+            if inspect.isfunction(value):
+                monkeypatch.setattr(module, name, taken_away)
+    with pytest.raises(AssertionError, match="asked the check"):
+        body_motion.body_ways(robot, motion)
+    spheres = [replace(one) for one in spheres]  # nobody knows them yet
+    assert certified() == found
 
 
 @pytest.mark.parametrize("joints", [1, 3, 7, 14])
