@@ -17,7 +17,6 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.obstacle_distances import poses_at
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.lines import with_bodies
@@ -111,7 +110,12 @@ class Touch:
 
     def _places(self, times: Array) -> tuple[Array, Array]:
         """Return obstacle positions, (times, obstacles, 3), and quaternions, (..., 4), w first."""
-        rotations, positions = poses_at(times, self._scene.obstacles)
+        poses = [one.motion.poses(times) for one in self._scene.obstacles]
+        shape = len(times), len(poses)
+        rotations = np.empty((*shape, 3, 3))
+        positions = np.empty((*shape, 3))
+        for number, pose in enumerate(poses):
+            rotations[:, number], positions[:, number] = pose
         return positions, np.roll(quaternion_from_rotation(rotations), 1, axis=-1)
 
     def _seen(
