@@ -76,10 +76,9 @@ def solid_in(message: Any, field: str) -> Solid:
     return _mesh(meshes[0], f"{field}.mesh")
 
 
-def primitive_sizes(solid: Solid) -> list[float]:
-    """Return a solid's dimensions as `SolidPrimitive` orders them: height before radius [m]."""
-    sizes: list[float] = solid.sizes.tolist()
-    return sizes if solid.kind == "box" else sizes[::-1]
+def in_message(kind: str, sizes: Any) -> Any:
+    """Return a primitive's sizes as `SolidPrimitive` orders them, or back: height before radius."""
+    return sizes[::-1] if len(PRIMITIVES[kind].sizes) > 1 else sizes
 
 
 def require_zero(message: Any, path: str, why: str, field: str) -> None:
@@ -146,11 +145,11 @@ def _primitive(message: Any, field: str) -> Solid:
     told, count = f"{field}.dimensions", PRIMITIVES[kind].count
     sizes = np.array(message.dimensions, np.float64)
     if len(sizes) != count:
-        words = "x, y, z" if kind == "box" else ", ".join(reversed([*PRIMITIVES[kind].sizes]))
+        words = ", ".join("xyz" if count == 3 else in_message(kind, [*PRIMITIVES[kind].sizes]))
         allowed = f"a {kind} has {count}: {words}"
         raise InvalidInput(Status.WRONG_SIZE, told, sizes.tolist(), allowed)
     with fields_named({f"shape.{kind}": told}):
-        return Solid(kind, sizes if kind == "box" else sizes[::-1])
+        return Solid(kind, in_message(kind, sizes))
 
 
 def _mesh(message: Any, field: str) -> Solid:

@@ -54,8 +54,9 @@ CubicMotion cubic_motion(const Chain& chain, const Array& q, const Array& v, con
 }
 
 Solid solid(int kind, const Array& sizes, const Array& vertices, double grown) {
-  if (kind < 0 || kind > Solid::kCone)
-    throw std::invalid_argument("kind is " + std::to_string(kind) + ", not 0 to 4");
+  if (kind < 0 || kind >= Solid::kKinds)
+    throw std::invalid_argument("kind is " + std::to_string(kind) + ", not 0 to " +
+                                std::to_string(Solid::kKinds - 1));
   Solid made{static_cast<Solid::Kind>(kind), vector3(sizes, "sizes"), {}, checked(grown, "grown")};
   const Rows vertex = rows(vertices, "vertices", {kAny, 3});
   for (Eigen::Index i = 0; i < vertex.rows(); ++i) made.vertices.push_back(vertex.row(i));

@@ -18,7 +18,7 @@ constexpr double kNoDirection = 1e-12;
 struct Solid {
   // kRound is what is within a radius of a piece of the z axis: spheres and capsules.
   // Distances of a point from what comes before kHull have a closed form.
-  enum Kind { kRound, kBox, kCylinder, kHull, kCone };
+  enum Kind { kRound, kBox, kCylinder, kHull, kCone, kKinds };
 
   Kind kind;
   Vector3 sizes;                  // half edges; or radius, half length

@@ -133,7 +133,7 @@ def _outlines(robot: Robot) -> tuple[_Outline, ...]:
             continue
         if kind == Kind.HULL:
             points = np.asarray(body.solid.points())
-        elif kind == Kind.BOX:
+        elif kind not in (Kind.ROUND, Kind.CYLINDER, Kind.CONE):
             points = sizes * list(product((1.0, -1.0), repeat=3))
         else:
             radius, half_length, _ = sizes

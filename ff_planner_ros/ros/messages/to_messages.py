@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import write_object
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.messages.obstacles import primitive_sizes
+from ff_planner_ros.messages.obstacles import in_message
 from ff_planner_ros.parameters.controller import ERASED, ControllerParameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.obstacles import Obstacle, SphereEntry
@@ -261,8 +261,9 @@ def _body_message(body: Obstacle | HeldShape) -> ObstacleMessage:
         corners = shape.corners.tolist()
         message.mesh = [Mesh(vertices=[Point(x=x, y=y, z=z) for x, y, z in corners])]
     else:
-        number, sizes = PRIMITIVES[shape.kind].message, primitive_sizes(shape)
-        message.primitive = [SolidPrimitive(type=number, dimensions=sizes)]
+        number, sizes = PRIMITIVES[shape.kind].message, shape.sizes.tolist()
+        dimensions = in_message(shape.kind, sizes)
+        message.primitive = [SolidPrimitive(type=number, dimensions=dimensions)]
     return message
 
 
