@@ -50,13 +50,19 @@ class Surroundings:
         Speeds and accelerations are those of all points [m/s, m/s2, rad/s, m, m]. Of a sphere the
         centre counts, which is the radius from the surface.
         """
-        found = []
-        for one in self.obstacles:
-            turn = 0.0 if one.is_sphere else one.motion.highest_rate
-            size = one.radius if one.is_sphere else 2 * one.radius
-            change = one.motion.highest_acceleration(one.reach)
-            found.append((one.highest_speed, change, turn, one.reach, size))
-        return np.reshape(found, (-1, 5)).T
+        _, velocities = self._uniform
+        found = np.zeros((5, len(self.obstacles)))
+        found[0] = np.linalg.norm(velocities, axis=1)
+        found[4] = np.where(self.are_spheres, 1.0, 2.0) * self.radii
+        for number in np.flatnonzero(~self.are_spheres).tolist():
+            found[2:4, number] = (
+                self.obstacles[number].motion.highest_rate,
+                self.obstacles[number].reach,
+            )
+        for number in self._turning:
+            one = self.obstacles[number]
+            found[:2, number] = one.highest_speed, one.motion.highest_acceleration(one.reach)
+        return found
 
     def centers(self, times: Array) -> Array:
         """Return the centres of their bounding spheres. Shape (times, obstacles, 3) [m]."""
@@ -65,6 +71,8 @@ class Surroundings:
         for body, held, places in self._on_bodies:
             centers[:, held] = body.places(places, times)
         for number in self._turning:
+            if self.obstacles[number].motion.body is not None:
+                continue
             rotations, positions = self.obstacles[number].motion.poses(times)
             centers[:, number] = positions + rotations @ self.obstacles[number].solid.center
         return centers
@@ -90,12 +98,10 @@ class Surroundings:
     def _uniform(self) -> tuple[Array, Array]:
         """Centres at time zero, and their velocities. Each of shape (obstacles, 3)."""
         motions = [one.motion for one in self.obstacles]
-        centers = [
-            motion.position + motion.rotation @ one.solid.center
-            for motion, one in zip(motions, self.obstacles, strict=True)
-        ]
-        velocities = [motion.velocity for motion in motions]
-        return np.reshape(centers, (-1, 3)), np.reshape(velocities, (-1, 3))
+        centers = np.reshape([motion.position for motion in motions], (-1, 3))
+        for number in np.flatnonzero(~self.are_spheres).tolist():
+            centers[number] += motions[number].rotation @ self.obstacles[number].solid.center
+        return centers, np.reshape([motion.velocity for motion in motions], (-1, 3))
 
     @cached_property
     def _on_bodies(self) -> list[tuple[TargetBody, list[int], Array]]:
@@ -111,11 +117,11 @@ class Surroundings:
 
     @cached_property
     def _turning(self) -> list[int]:
-        """Those that turn by themselves about another place than their centre."""
+        """Those that turn, but for spheres that turn about their centres."""
         return [
             number
             for number, one in enumerate(self.obstacles)
-            if one.motion.turns and one.motion.body is None and one.solid.center.any()
+            if one.motion.body is not None or (one.motion.turns and not one.is_sphere)
         ]
 
 
