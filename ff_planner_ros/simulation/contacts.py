@@ -110,12 +110,11 @@ class Touch:
 
     def _places(self, times: Array) -> tuple[Array, Array]:
         """Return obstacle positions, (times, obstacles, 3), and quaternions, (..., 4), w first."""
-        poses = [one.motion.poses(times) for one in self._scene.obstacles]
-        shape = len(times), len(poses)
-        rotations = np.empty((*shape, 3, 3))
-        positions = np.empty((*shape, 3))
-        for number, pose in enumerate(poses):
-            rotations[:, number], positions[:, number] = pose
+        obstacles = self._scene.obstacles
+        rotations = np.empty((len(times), len(obstacles), 3, 3))
+        positions = np.empty((len(times), len(obstacles), 3))
+        for number, one in enumerate(obstacles):
+            rotations[:, number], positions[:, number] = one.motion.poses(times)
         return positions, np.roll(quaternion_from_rotation(rotations), 1, axis=-1)
 
     def _seen(
