@@ -55,7 +55,7 @@ def without_margins(
 ) -> Rows:
     """Return distances less the margins of pairs with some room."""
     kept = without_allowed(problem, motion, near, room.size, split)
-    times = np.sort(times_looked_at(problem.duration, len(motion.q)))
+    times = times_looked_at(problem.duration, len(motion.q))
     return kept._replace(values=kept.values - margins_of_rows(margin, room, kept.names, times))
 
 
@@ -87,7 +87,7 @@ def without_allowed(
 def looked_at(problem: PlanningProblem, motion: Motion) -> tuple[Array, Array]:
     """Return when distances of bodies are evaluated, in order, and the configurations then."""
     times, has_quarters = times_looked_at(problem.duration, len(motion.q)), quarters(motion)
-    return np.sort(times), in_order(np.concatenate([motion.q[1:], motion.q_half_way]), has_quarters)
+    return times, in_order(np.concatenate([motion.q[1:], motion.q_half_way]), has_quarters)
 
 
 def quarters(motion: Motion) -> bool:

@@ -6,21 +6,18 @@ than `FEW_POINTS` also at a quarter and three quarters of every interval but the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
-
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import bodies_of, obstacles_of
 from ff_planner_ros.planning.distance.allowed_contact import (
-    Split,
     contacts_in_core,
+    split_obstacles,
     split_pairs,
 )
-from ff_planner_ros.planning.distance.start_room import room_of_pairs
-from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem
+from ff_planner_ros.planning.distance.start_room import room_of_obstacles, room_of_pairs
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.collision.lines import with_bodies
 
 # On fewer points than this a body may jump over a corner of another.
@@ -44,7 +41,7 @@ def margins_of_pairs(problem: PlanningProblem, margin: float) -> Array:
 
 def pairs_in_core(problem: PlanningProblem, points: int, margin: float) -> compiled.PathRequirement:
     """Return what makes the rows of pairs of bodies."""
-    times = np.sort(times_looked_at(problem.duration, points))
+    times = times_looked_at(problem.duration, points)
     return compiled.pairs_apart(
         bodies_of(problem.robot),
         margins_of_pairs(problem, margin),
@@ -55,42 +52,31 @@ def pairs_in_core(problem: PlanningProblem, points: int, margin: float) -> compi
 
 
 def obstacles_in_core(
-    problem: PlanningProblem,
-    obstacles: Sequence[Obstacle],
-    points: int,
-    margin: float,
-    room: Array,
-    split: Split,
+    problem: PlanningProblem, points: int, margin: float
 ) -> compiled.PathRequirement:
-    """Return what makes the rows of bodies, or centre lines, and obstacles.
-
-    Args:
-        room: Of each body and obstacle, as of `start_room` [m].
-        split: Of the same pairs.
-    """
-    robot, times = with_bodies(problem.robot), np.sort(times_looked_at(problem.duration, points))
+    """Return what makes the rows of bodies, or centre lines, and obstacles."""
+    times = times_looked_at(problem.duration, points)
     return compiled.bodies_clear(
-        bodies_of(robot),
-        obstacles_of(obstacles, problem.duration),
+        bodies_of(with_bodies(problem.robot)),
+        obstacles_of(problem.obstacles, problem.duration),
         margin,
-        room.ravel(),
+        room_of_obstacles(problem).ravel(),
         times,
         OF_INTEREST,
         points < FEW_POINTS,
-        contacts_in_core(problem, split, times, _WITHIN),
+        contacts_in_core(problem, split_obstacles(problem), times, _WITHIN),
     )
 
 
-@lru_cache(maxsize=32)
 def times_looked_at(duration: float, points: int) -> Array:
-    """Return the times of all points but the first, then half-way, then of quarters, if any [s]."""
+    """Return the times at which distances are evaluated, ascending [s]."""
     times = np.linspace(0.0, duration, points)
     half_way = (times[:-1] + times[1:]) / 2
     found = [times[1:], half_way]
     if points < FEW_POINTS:
         begin, middle, end = times[1:-1], half_way[1:], times[2:]
         found += [_quarter_way(begin, middle, end), _quarter_way(end, middle, begin)]
-    return frozen(np.concatenate(found))
+    return np.sort(np.concatenate(found))
 
 
 def _quarter_way(begin: Array, middle: Array, end: Array) -> Array:

@@ -27,7 +27,6 @@ from ff_planner_ros.planning.distance.search_certificate import CERTIFICATE_GAP,
 from ff_planner_ros.planning.distance.start_room import (
     CLEARANCE_AT_END,
     LEAST_CLEARANCE,
-    room_of_obstacles,
 )
 from ff_planner_ros.planning.distance.surroundings import surroundings
 from ff_planner_ros.planning.motion.certified_least import NOTHING, Least, least_of
@@ -78,8 +77,7 @@ class ClearOfObstacles(KeptClear):
         self, problem: PlanningProblem, points: int, margin: float
     ) -> Sequence[compiled.PathRequirement]:
         """Return what makes the rows in the core."""
-        room, split = room_of_obstacles(problem), split_obstacles(problem)
-        return (obstacles_in_core(problem, problem.obstacles, points, margin, room, split),)
+        return (obstacles_in_core(problem, points, margin),)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
