@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ff_planner_ros.robot.box import uniform_box
+from ff_planner_ros.robot.collision.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 
 

@@ -15,7 +15,7 @@ from ff_planner_ros.analysis.drawing.solids import Triangles, box, robot_surface
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.console.stages import Stage
 from ff_planner_ros.planning.distance.surroundings import obstacle_poses
-from ff_planner_ros.robot.box import uniform_box
+from ff_planner_ros.robot.collision.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 

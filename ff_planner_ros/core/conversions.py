@@ -16,12 +16,13 @@ from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.primitives import Kind, kind_and_sizes
+from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.model import Robot
 
 _NOTHING, _ORIGIN, _NO_TURN = np.empty((0, 3)), np.zeros(3), np.eye(3)
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def chain_of(robot: Robot) -> compiled.Chain:
     """Return a robot's chain: placements, axes and inertias, from its Pinocchio model.
 
@@ -51,7 +52,7 @@ def chain_of(robot: Robot) -> compiled.Chain:
     )
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def bodies_of(robot: Robot) -> compiled.Bodies:
     """Return a robot's bodies, and the pairs of them that must not touch."""
     return compiled.Bodies(

@@ -6,12 +6,11 @@ following the chain here, in one go for all points of a motion.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
@@ -58,7 +57,7 @@ def joint_frames(robot: Robot, q: Array) -> tuple[Array, Array]:
     return rotations, origins
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def joint_offsets(robot: Robot) -> Array:
     """Return each joint's origin, then the end effector's, in the frame before.
 
@@ -74,7 +73,7 @@ def rotation_base_to_inertial(q: Array) -> Array:
     return rotation_from_quaternion(q[:, 3:7])
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def _turning(robot: Robot) -> tuple[Array, Array, Array]:
     """Return P, P K and P K^2 of each joint; see `joint_rotations`."""
     held = np.array([placement.rotation for placement in robot.model.jointPlacements[2:]])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import enum
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -109,6 +109,10 @@ class Robot:
 
     FACTS = ("joints", "base_link", "tip_link", "base", "geometry", "wheels", "payload")
     __repr__ = in_a_line
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields: a pickle has no results that are kept with the robot."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
     def joints(self) -> int:

@@ -45,7 +45,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Obstacle, PlanningProblem, Target
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.robot.box import uniform_box
+from ff_planner_ros.robot.collision.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 
 # Enough for the eye; the file grows with each, which holds all methods.

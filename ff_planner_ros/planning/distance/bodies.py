@@ -6,7 +6,6 @@ joints alone.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.robot.collision.primitives import kind_and_sizes
+from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.kinematics import joint_rotations
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
@@ -72,7 +72,7 @@ def centers_in_base(q: Array, centers: Array) -> Array:
     return np.asarray((centers - q[:, None, :3]) @ turns, np.float64)
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def _in_joints(robot: Robot) -> tuple[Indices, Array, Array, Array]:
     """Return how many joints carry each body, and its placement and centre in the last of them."""
     bodies, at_joint = robot.bodies, pin.SE3.Identity()
@@ -112,7 +112,7 @@ def pairs(robot: Robot) -> tuple[Indices, Indices]:
     return first, second
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def kinds_and_sizes(robot: Robot) -> tuple[Indices, Array]:
     """Return kind and sizes of every body, of stretched ones those of their begin.
 

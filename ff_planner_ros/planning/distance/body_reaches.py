@@ -5,7 +5,6 @@ They are levers [m per rad] of revolute joints and of the base, and 1 [m per m] 
 
 from __future__ import annotations
 
-from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -14,13 +13,14 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.bodies import carriers, kinds_and_sizes, pairs
 from ff_planner_ros.robot.collision.lines import BEYOND_LIMITS
 from ff_planner_ros.robot.collision.primitives import Kind
+from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.model import Robot
 
 # A cylinder, or a cone in it, is in the prism around it; one of so many sides is hardly thicker.
 _SIDES = 16
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def pair_reaches(robot: Robot) -> Array:
     """Return how far each joint moves the bodies of each pair relative to each other at most.
 
@@ -38,7 +38,7 @@ def pair_reaches(robot: Robot) -> Array:
     return np.where((inner <= joint) & (joint < outer), nearer, 0.0)
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def body_reaches(robot: Robot) -> Array:
     """Return bounds of the distance of a body's points from each joint that moves the body.
 
@@ -59,14 +59,14 @@ def body_reaches(robot: Robot) -> Array:
     return reaches
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def base_reaches(robot: Robot) -> Array:
     """Return how far any point of a body is at most from the base. Shape (bodies,) [m]."""
     farthest = [body.farthest() for body in _outlines(robot)]
     return np.asarray(_stretched(robot)[carriers(robot)] + farthest, np.float64)
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def reaches_back(robot: Robot) -> Array:
     """Return how far any point of a body is at most from each joint beyond it.
 
@@ -121,7 +121,7 @@ class _Outline:
         return float(np.linalg.norm(away, axis=1).max()) + self._radius
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def _outlines(robot: Robot) -> tuple[_Outline, ...]:
     found = []
     for body, kind, sizes in zip(robot.bodies, *kinds_and_sizes(robot), strict=True):

@@ -17,7 +17,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.task.digest import canonical
 from ff_planner_ros.planning.task.task import PlanningTask, as_it_begins
+from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.model import Robot
 
 _DIGITS = 16  # of a kind
@@ -134,7 +135,7 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     return kind, np.concatenate(parts)
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def _canonical_robot(robot: Robot) -> bytes:
     return b"".join(canonical(robot))
 

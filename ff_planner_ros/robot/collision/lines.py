@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import coal
 import numpy as np
@@ -11,6 +10,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import frozen
 from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.model import Robot
 
 # Joint origins nearer than this are the same point; drawings are not more exact [m].
@@ -19,7 +19,7 @@ SAME_POINT = 1e-6
 BEYOND_LIMITS = 1e-3
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def with_bodies(robot: Robot) -> Robot:
     """Return a robot whose bodies are its shapes, or its link centre lines if it has none."""
     return robot if robot.bodies else replace(robot, bodies=_lines(robot))

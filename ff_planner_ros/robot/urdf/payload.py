@@ -6,7 +6,6 @@ import base64
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 from xml.etree.ElementTree import Element, SubElement
 
@@ -27,6 +26,7 @@ from ff_planner_ros.robot.collision.solids import (
     Solid,
     by_name,
 )
+from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.meshes import EMBEDDED, Meshes
 from ff_planner_ros.robot.urdf.srdf import MayTouch, write_pairs
@@ -164,7 +164,7 @@ def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -
     return replace(held, notes=(*robot.notes, note), payload=payload)
 
 
-@lru_cache(maxsize=8)
+@kept_with_it
 def payload_frame(robot: Robot) -> int | None:
     """Return the index of the frame of a payload's fixed joint; None: the robot holds none."""
     for number, one in enumerate(robot.model.frames):

@@ -24,7 +24,7 @@ from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.obstacles import Obstacle, attached
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.captured import CapturedBody, captured_in
-from ff_planner_ros.robot.box import uniform_box
+from ff_planner_ros.robot.collision.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import point_message, pose_message
 

@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
 from multiprocessing import Pipe
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -23,6 +22,7 @@ from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Stat
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Budget, Progress
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.requests.solver_process import CANCEL, WORN, Answer, robot_from, serve
 
@@ -293,6 +293,6 @@ def _request(task: PlanningTask, budget: Budget, begun: float) -> bytes:
     return request.getvalue()
 
 
-@lru_cache(maxsize=2)
+@kept_with_it
 def _robot(robot: Robot) -> bytes:
     return pickle.dumps(robot)
