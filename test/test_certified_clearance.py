@@ -48,6 +48,12 @@ def on_circle(angle: float, distance: float) -> Array:
     return distance * np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
+def test_an_arm_that_speeds_up_past_a_sphere() -> None:
+    """At rest at first: where it is after a part s of the way goes with its cube."""
+    motion = told([0.0, 1.0], np.array([[0.0], [1.0]]), np.array([[0.0], [3.0]]))
+    require(motion, [Obstacle.sphere("rock", on_circle(0.5, 1.05), 0.02)], 0.03)
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("part", [0.13, 0.5, 0.77])
 @pytest.mark.parametrize("interval", range(4))
