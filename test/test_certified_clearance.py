@@ -30,6 +30,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.problem.target_body import AttachedObstacle, TargetBody
 from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
 from ff_planner_ros.robot.configuration import system_state
+from ff_planner_ros.robot.model import robot_from_urdf_text
 
 # The first joint is in the origin: the arm of 1 m sweeps the circle about it.
 ARM = straight_arm(0.0, 1.0)
@@ -52,6 +53,26 @@ def test_an_arm_that_speeds_up_past_a_sphere() -> None:
     """At rest at first: where it is after a part s of the way goes with its cube."""
     motion = told([0.0, 1.0], np.array([[0.0], [1.0]]), np.array([[0.0], [3.0]]))
     require(motion, [Obstacle.sphere("rock", on_circle(0.5, 1.05), 0.02)], 0.03)
+
+
+def test_a_line_that_slides_out_towards_a_sphere_and_back() -> None:
+    """As far as at 0.3 m half-way, where it is nobody's point."""
+    links = "".join(
+        f'<link name="{name}"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for name in ("chaser", "link_1", "tip")
+    )
+    limit = '<limit lower="-9" upper="9" velocity="9" effort="9"/></joint>'
+    robot = robot_from_urdf_text(
+        f'<robot name="telescope">{links}<joint name="joint_1" type="revolute">'
+        f'<parent link="chaser"/><child link="link_1"/><axis xyz="0 0 1"/>{limit}'
+        '<joint name="joint_2" type="prismatic"><parent link="link_1"/><child link="tip"/>'
+        f'<origin xyz="0.5 0 0"/><axis xyz="1 0 0"/>{limit}</robot>'
+    )
+    motion = told([0.0, 1.0], np.zeros((2, 2)), np.array([[0.0, 1.2], [0.0, -1.2]]))
+    rock = Obstacle.sphere("rock", [1.0, 0.0, 0.0], 0.1)
+    found = certified_by_core(robot, motion.q, motion.v, motion.time, [rock])
+    assert 0.1 - CERTIFICATE_GAP - 1e-9 <= found <= 0.1 + 1e-9
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
