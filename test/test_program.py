@@ -34,7 +34,8 @@ from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
-POINTS, DURATION, MARGIN = 9, 5.0, 0.01
+# Between fewer points there are rows at quarters, too: of parabolas, whose derivatives are theirs.
+POINTS, DURATION, MARGIN = 41, 5.0, 0.01
 # A state of each robot from which this motion stays away from singularities.
 SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7, "canadarm2": 3, "sliding": 27}
 
@@ -72,7 +73,7 @@ def case(request: pytest.FixtureRequest) -> Case:
     )
     family = EndEffectorPaths(robot, q, momentum, path)
     margins = dict.fromkeys((required.name for required in REQUIREMENTS), 0.0)
-    margins["clearance"] = MARGIN
+    margins["clear_of_obstacles"] = MARGIN
     on_demand = frozenset({Torques.name})
     program = PathProgram(problem, family, objective, margins, POINTS, on_demand=on_demand)
     return Case(program, rng.normal(scale=0.05, size=18))
@@ -110,7 +111,7 @@ def test_the_value_is_the_weighted_joint_path_and_the_peaks_both_signs_of_each_a
     rollout = case.program.family.motion(case.x, POINTS)
     robot = case.program.problem.robot
     shares = robot.joint_weights * rollout.v[:-1, 6:]
-    path = sum(np.sqrt(rates @ rates) * DURATION / 8 for rates in shares)
+    path = sum(np.sqrt(rates @ rates) * DURATION / (POINTS - 1) for rates in shares)
     assert at_x.value == pytest.approx(0.7 * path, rel=1e-12)
     angles = [
         angle
@@ -146,10 +147,7 @@ def test_an_attitude_of_no_weight_has_no_peaks(case: Case) -> None:
 
 
 def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case) -> None:
-    """Each clearance below 0.2 m, less the margin, by geometry alone; the start cannot move.
-
-    A quarter of the way between few points the arm is where parabolas lead it.
-    """
+    """Each clearance below 0.08 m, less the margin, by geometry alone; the start cannot move."""
     without_limits = replace(
         case.program.problem.robot,
         lower_position_limits=np.full(case.program.problem.robot.joints, -1e3),
@@ -159,13 +157,6 @@ def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case
     rollout = case.program.family.motion(case.x, POINTS)
     at_points, half_way = (arm_points(without_limits, q) for q in (rollout.q, rollout.q_half_way))
     arms, when = [*at_points[1:], *half_way], [*range(1, POINTS), *np.arange(POINTS - 1) + 0.5]
-    ways = list(zip(at_points, half_way, at_points[1:], strict=False))
-    for number, (begin, middle, end) in enumerate(ways[1:], start=1):
-        for s in (0.25, 0.75):
-            arms.append(
-                (1 - s) * (1 - 2 * s) * begin + 4 * s * (1 - s) * middle + s * (2 * s - 1) * end
-            )
-            when.append(number + s)
 
     def distances(arm: Array) -> list[float]:
         return [
@@ -186,7 +177,7 @@ def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case
         for distance, at_start in zip(distances(arm), distances(at_points[0]), strict=True)
     ]
     near = np.sort(expected)
-    near = near[near < 0.2]
+    near = near[near < 0.08]
     assert len(near) > 10
     np.testing.assert_allclose(np.sort(at_x.constraints)[: len(near)], near, rtol=0.0, atol=1e-12)
     assert at_x.constraints.max() < 10.0, "the far sphere has a row"
