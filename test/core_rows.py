@@ -156,7 +156,12 @@ def distances_of_core(
 
 
 def certified_by_core(
-    robot: Robot, q: Array, v: Array, times: Array, obstacles: Sequence[Obstacle]
+    robot: Robot,
+    q: Array,
+    v: Array,
+    times: Array,
+    obstacles: Sequence[Obstacle],
+    gap: float = CERTIFICATE_GAP,
 ) -> float:
     """Return what the search certifies of all bodies, or lines, along a motion [m]."""
     whole = with_bodies(robot)
@@ -166,7 +171,7 @@ def certified_by_core(
         obstacles_of(obstacles, float(times[-1])),
         np.arange(len(whole.bodies) * len(obstacles)),
         len(times) - 1,
-        CERTIFICATE_GAP,
+        gap,
         0.0,
     )
 
