@@ -10,7 +10,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.distance.contact import self_contact, tool_contact
 from ff_planner_ros.planning.distance.solids_apart import distance_between
-from ff_planner_ros.planning.distance.surroundings import obstacle_place
+from ff_planner_ros.planning.distance.surroundings import obstacle_place, surroundings
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target_body import MOST_TURNS
@@ -134,7 +134,9 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: A
     robot, target = problem.robot, problem.target.position
     key = "target.position" if problem.target_body is None else "target_body.grasp.position"
     point = pin.SE3(np.eye(3), target)
-    for one in () if robot.bodies else problem.obstacles:
+    around = surroundings(() if robot.bodies else problem.obstacles)
+    for number in around.near(target, 0.0, problem.duration):
+        one = problem.obstacles[number]
         there = obstacle_place(one, problem.duration)
         depth = -distance_between(coal.Sphere(0.0), point, one.solid.geometry, there)
         if depth >= 0.0:

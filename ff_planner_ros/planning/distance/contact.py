@@ -155,14 +155,16 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
     allowed, found = split_obstacles(problem).may_touch, list[Contact]()
-    places = [obstacle_place(one, problem.duration) for one in problem.obstacles]
+    around, end = surroundings(problem.obstacles), problem.duration
     for number, body in enumerate(with_bodies(robot).bodies):
         if body.joint != robot.joints + 1:
             continue
         at = last_joint * body.placement_in_joint
-        for index, (one, there) in enumerate(zip(problem.obstacles, places, strict=True)):
+        for index in around.near(last_joint.act(body.center_in_joint), body.radius, end):
+            one = problem.obstacles[index]
+            there = obstacle_place(one, end)
             distance = distance_between(body.solid, at, one.solid.geometry, there)
-            if distance <= 0.0 and number * len(places) + index not in allowed:
+            if distance <= 0.0 and number * len(problem.obstacles) + index not in allowed:
                 name = in_words(robot, number)
                 found.append(Contact(distance, name, one.id, True, np.zeros(robot.joints)))
     return min(found, key=lambda contact: contact.distance, default=None)

@@ -27,6 +27,9 @@ class Poses(NamedTuple):
     positions: Array  # of their origins; shape (rows, 3) [m]
 
 
+_ROUNDING = 1e-9  # [m]
+
+
 @dataclass(frozen=True, eq=False)
 class Surroundings:
     """Obstacles, numbered from zero on; times count from the plan's first point on [s]."""
@@ -76,6 +79,17 @@ class Surroundings:
             rotations, positions = self.obstacles[number].motion.poses(times)
             centers[:, number] = positions + rotations @ self.obstacles[number].solid.center
         return centers
+
+    def near(self, center: Array, radius: float, time: float) -> list[int]:
+        """Return the numbers of those whose bounding spheres reach into a sphere at a time.
+
+        Args:
+            center: Of the sphere, in the inertial frame. Shape (3,) [m].
+            radius: Of the sphere [m].
+        """
+        away = np.linalg.norm(self.centers(np.array([time]))[0] - center, axis=1)
+        # What is measured may be nearer than its bounding sphere, by rounding.
+        return np.flatnonzero(away - self.radii - radius <= _ROUNDING).tolist()
 
     def seen_from_base(self, q: Array, times: Array, rows: Indices, obstacles: Indices) -> Poses:
         """Return the pose of one obstacle at one time in each row, in the base frame.

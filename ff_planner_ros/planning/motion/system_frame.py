@@ -138,10 +138,14 @@ class SystemFrame:
         )
 
     def _obstacle_here(self, one: Obstacle) -> Obstacle:
+        place = self._place_here(one.motion.position, 0.0)
+        velocity = self._velocity_here(one.motion.velocity)
+        if one.is_sphere:  # there may be a thousand, and none has an attitude
+            return one.with_motion(position=place, velocity=velocity)
         return one.with_motion(
-            position=self._place_here(one.motion.position, 0.0),
+            position=place,
             quaternion_xyzw=self._attitude_here(one.motion.quaternion_xyzw),
-            velocity=self._velocity_here(one.motion.velocity),
+            velocity=velocity,
             angular_velocity=self._vector_here(one.motion.angular_velocity, _OTHER),
         )
 

@@ -32,6 +32,8 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.urdf.meshes import Meshes
 
+_NOT_TURNED = frozen(np.eye(3))
+
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
@@ -98,6 +100,8 @@ class RigidMotion:
     @cached_property
     def rotation(self) -> Array:
         """Its axes to inertial axes at the plan's first point. Shape (3, 3)."""
+        if not self.quaternion_xyzw[:3].any():
+            return _NOT_TURNED
         return frozen(rotation_from_quaternion(self.quaternion_xyzw))
 
     @property
