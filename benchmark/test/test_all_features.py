@@ -56,10 +56,9 @@ def test_a_witness_keeps_everything_that_is_asked_for(number: int) -> None:
     assert own_gap(swept, 0.01) >= 0.01
     for sphere in own.spheres:
         if sphere.body is None:
-            centers = sphere.center + witness.times[:, None] * sphere.velocity
+            centers = sphere.center + witness.times[:, None] * sphere.motion.velocity
         else:
-            assert sphere.place_in_body is not None
-            centers = sphere.body.places(sphere.place_in_body[None], witness.times)[:, 0]
+            centers = sphere.body.places(sphere.motion.lever[None], witness.times)[:, 0]
         seen = centers - began + np.outer(witness.times, drift)
         assert sphere_gap(swept, sphere, 0.05, seen) >= 0.02 - 1e-5
     # And in its corridor, or further away than that is long.
