@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.motion.metrics import joint_path_length
+from ff_planner_ros.planning.motion.motion import joint_path_length
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 

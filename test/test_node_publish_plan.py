@@ -236,7 +236,7 @@ def test_it_describes_what_it_can_be_asked_for(client: Client) -> None:
     assert told.goal_kinds == ["POSE", "CAPTURE", "JOINTS", "AT_REST"]
     assert told.orientations == ["FIXED", "FREE", "ABOUT_AXIS"]
     assert all(getattr(Goal, name) == value for value, name in enumerate(told.goal_kinds))
-    assert told.obstacles == ["box", "sphere", "cylinder", "cone", "capsule", "mesh"]
+    assert told.obstacles == ["sphere", "box", "cylinder", "capsule", "cone", "mesh"]
     assert told.objectives == ["joint_path_length", "chaser_attitude", "duration"]
     assert told.end_behaviours == ["none", "hold_end_effector", "stop_joints"]
     arm = told.robot

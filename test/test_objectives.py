@@ -11,7 +11,7 @@ from robots import end_effector_polynomial, random_state, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.motion.metrics import chaser_euler, joint_path_length
+from ff_planner_ros.planning.motion.motion import chaser_euler, joint_path_length
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem

@@ -12,7 +12,7 @@ from judging import require_sound
 from ff_planner_benchmark.problems import all_features
 from ff_planner_benchmark.problems.tumbling_witness import Witness, tip
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.motion.metrics import chaser_euler
+from ff_planner_ros.planning.motion.motion import chaser_euler
 from ff_planner_ros.planning.motion.system_frame import in_own_frame, system_frame
 from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.task.task import PlanningTask, perform

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, penalty, segments
-from ff_planner_ros.planning.motion.metrics import chaser_euler, joint_path_length
+from ff_planner_ros.planning.motion.motion import chaser_euler, joint_path_length
 from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.paths.path_family import Motion
 from ff_planner_ros.planning.problem.problem import PlanningProblem

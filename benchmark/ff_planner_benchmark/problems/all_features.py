@@ -16,7 +16,7 @@ import pinocchio as pin
 from ff_planner_benchmark.problems.tumbling import Kind, drawn_capture
 from ff_planner_benchmark.problems.tumbling_witness import Witness
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.motion.metrics import chaser_euler
+from ff_planner_ros.planning.motion.motion import chaser_euler
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ff_planner_ros.errors import Failure, NoPlanFound, OutOfTime, Status
-from ff_planner_ros.planning.motion.metrics import Metrics, chaser_euler, joint_path_length
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.motion import chaser_euler, joint_path_length
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory, WheelMotion
 from ff_planner_ros.planning.motion.wheel_motion import wheels_along
 from ff_planner_ros.planning.problem.problem import PlanningProblem

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.motion.metrics import straight_way
+from ff_planner_ros.planning.motion.motion import straight_way
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.end_effector_polynomial import (
     PAPERS_JOINTS,

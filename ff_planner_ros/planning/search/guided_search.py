@@ -8,7 +8,7 @@ from functools import partial
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import OutOfTime
-from ff_planner_ros.planning.motion.metrics import joint_path_length, straight_way
+from ff_planner_ros.planning.motion.motion import joint_path_length, straight_way
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, PassingOn, Watch
 from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation

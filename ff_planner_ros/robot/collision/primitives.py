@@ -6,12 +6,14 @@ import enum
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-import coal
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+
+if TYPE_CHECKING:
+    import coal
 
 # Radius and half length, or half edges, padded by zeros [m].
 Halves: TypeAlias = tuple[float, float, float]
@@ -38,7 +40,7 @@ class Primitive:
     # Names of its sizes, as in scenarios, URDFs and SDFormat, and how many numbers each has [m]
     sizes: Mapping[str, int]
     message: int  # number in shape_msgs/SolidPrimitive, or in ff_planner_msgs/Obstacle
-    made: type[coal.CollisionGeometry]  # Coal's class, which takes the sizes in this order
+    geometry: str  # name of Coal's class, which takes the sizes in this order
     formula: Kind
 
     @property
@@ -46,21 +48,27 @@ class Primitive:
         """How many numbers its sizes have."""
         return sum(self.sizes.values())
 
+    def made(self, *sizes: float) -> coal.CollisionGeometry:
+        """Return a solid of these sizes [m]."""
+        import coal  # takes half a second to load, and readers of messages need the table alone
+
+        return getattr(coal, self.geometry)(*sizes)
+
 
 _ROUND = {"radius": 1, "length": 1}
 PRIMITIVES: Mapping[str, Primitive] = {
-    "sphere": Primitive({"radius": 1}, 2, coal.Sphere, Kind.ROUND),
-    "box": Primitive({"size": 3}, 1, coal.Box, Kind.BOX),
-    "cylinder": Primitive(_ROUND, 3, coal.Cylinder, Kind.CYLINDER),
-    "capsule": Primitive(_ROUND, 101, coal.Capsule, Kind.ROUND),
-    "cone": Primitive(_ROUND, 4, coal.Cone, Kind.CONE),
+    "sphere": Primitive({"radius": 1}, 2, "Sphere", Kind.ROUND),
+    "box": Primitive({"size": 3}, 1, "Box", Kind.BOX),
+    "cylinder": Primitive(_ROUND, 3, "Cylinder", Kind.CYLINDER),
+    "capsule": Primitive(_ROUND, 101, "Capsule", Kind.ROUND),
+    "cone": Primitive(_ROUND, 4, "Cone", Kind.CONE),
 }
-_NAMES = {one.made: name for name, one in PRIMITIVES.items()}
+_NAMES = {one.geometry: name for name, one in PRIMITIVES.items()}
 
 
 def primitive_of(solid: coal.CollisionGeometry) -> tuple[str, Array] | None:
     """Return name and sizes [m] of a Coal geometry; None: it is a hull."""
-    name = _NAMES.get(type(solid))
+    name = _NAMES.get(type(solid).__name__)
     if name is None:
         return None
     halves = np.array(kind_and_sizes(solid)[1])
@@ -71,7 +79,7 @@ def primitive_of(solid: coal.CollisionGeometry) -> tuple[str, Array] | None:
 
 def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Halves]:
     """Return a solid's kind, and its half edges, or radius and half length, padded by zeros [m]."""
-    name = _NAMES.get(type(solid))
+    name = _NAMES.get(type(solid).__name__)
     if name is None:
         return Kind.HULL, (0.0, 0.0, 0.0)
     kind = PRIMITIVES[name].formula
