@@ -46,6 +46,8 @@ def test_a_goal_inside_any_obstacle_when_the_plan_ends_is_refused(
     number: int, drift: Array
 ) -> None:
     problem = away_from_goal().problem
+    # With an orientation the last line is known at the goal, and refused where it is in a sphere.
+    problem = replace(problem, target=replace(problem.target, orientation=Orientation.FREE))
     goal, way = problem.target.position, problem.duration * drift
     aside = np.array([0.0, 0.03, 0.0])
     for depth in (1e-3, -1e-6):
