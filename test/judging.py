@@ -11,8 +11,8 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 
 
 def require_sound(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> None:
-    """Raise the refusal of a plan of the user's frame that fails the check."""
-    found = violations(problem, plan, settings)
+    """Raise the refusal of a plan that fails the check."""
+    found = failures(problem, plan, settings)
     if found:
         raise refusal(plan, found)
 

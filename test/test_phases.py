@@ -219,7 +219,9 @@ def test_the_impulse_is_told_and_its_limit_refuses_by_name(task: PlanningTask, p
     for changed in (replace(few, then=()), few):
         problem = changed.problem
         limited = replace(problem, limits=replace(problem.limits, capture_impulse=0.9 * told))
-        with pytest.raises(NoPlanFound, match=r"capture_impulse is 0\.\d+ N s within") as refused:
+        with pytest.raises(
+            NoPlanFound, match=r"capture_impulse within the tolerances of the grasp is 0\.\d+ N s"
+        ) as refused:
             perform(replace(changed, problem=limited))
         assert refused.value.status is Status.LIMIT_VIOLATED
 

@@ -98,7 +98,11 @@ def test_a_plan_is_found_from_a_start_beyond_a_limit_by_what_plans_may_be(
     upper[joint] = lemur_capture.start.joint_positions[joint] - beyond
     problem = with_limits(lemur_capture, upper_position_limits=upper)
     answer = plan(replace(problem, parametrisation=family), SETTINGS)
-    assert answer.metrics.min_joint_margin == pytest.approx(-beyond, abs=1e-12)
+    least = answer.metrics.min_joint_margin
+    if family is PAPERS:  # whose paths do not choose the accelerations at the start
+        assert -1e-4 <= least <= -beyond + 1e-12
+    else:
+        assert least == pytest.approx(-beyond, abs=1e-12)
 
 
 def test_a_plan_is_found_from_a_start_that_is_too_fast_by_what_plans_may_be(

@@ -82,7 +82,7 @@ def test_a_sphere_that_is_none_is_refused_by_its_id(
 
 def test_a_sphere_cannot_be_written_to() -> None:
     with pytest.raises(ValueError, match="read-only"):
-        Obstacle.sphere("mast", np.zeros(3), 1.0).center[0] = 1.0
+        Obstacle.sphere("mast", np.zeros(3), 1.0).motion.position[0] = 1.0
 
 
 @pytest.mark.parametrize(("length", "attitude"), [(1.0, 0.0), (0.0, 1.0), (0.3, 7.0)])
