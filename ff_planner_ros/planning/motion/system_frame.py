@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.obstacles import Obstacle, with_attached
+from ff_planner_ros.planning.problem.obstacles import Obstacle, SphereEntry, with_attached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.target_body import TargetBody
@@ -140,8 +140,9 @@ class SystemFrame:
     def _obstacle_here(self, one: Obstacle) -> Obstacle:
         place = self._place_here(one.motion.position, 0.0)
         velocity = self._velocity_here(one.motion.velocity)
-        if one.is_sphere:  # there may be a thousand, and none has an attitude
-            return one.with_motion(position=place, velocity=velocity)
+        if one.is_sphere and one.body is None:  # there may be a thousand, none with an attitude
+            there: Obstacle = SphereEntry(one.id, place, one.radius, velocity).made()
+            return there
         return one.with_motion(
             position=place,
             quaternion_xyzw=self._attitude_here(one.motion.quaternion_xyzw),

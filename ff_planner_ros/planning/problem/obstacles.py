@@ -19,6 +19,7 @@ from ff_planner_ros.common.declared import (
 )
 from ff_planner_ros.common.declared_parts import part_or_entry
 from ff_planner_ros.common.forms import QUATERNION, Form, a_vector
+from ff_planner_ros.common.plain_values import of_checked
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target_body import (
@@ -32,7 +33,7 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.urdf.meshes import Meshes
 
-_NOT_TURNED = frozen(np.eye(3))
+_NOT_TURNED, _UPRIGHT, _STILL = frozen(np.eye(3)), frozen(no_turn()), frozen(zero_vector())
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +272,16 @@ class SphereEntry(AttachedSphereEntry):
 
     def made(self) -> Any:
         """Return the obstacle."""
-        return Obstacle(self.id, self.solid, RigidMotion(self.center, velocity=self.velocity))
+        motion = of_checked(
+            RigidMotion,
+            position=self.center,
+            quaternion_xyzw=_UPRIGHT,
+            velocity=self.velocity,
+            angular_velocity=_STILL,
+            body=None,
+            place_in_body=None,
+        )
+        return of_checked(Obstacle, id=self.id, shape=self.solid, motion=motion)
 
 
 # An obstacle in a file has a key `shape`, or a centre and radius

@@ -31,7 +31,7 @@ from ff_planner_ros.planning.problem.torque_free import (
     fastest_turn,
     possible_inertia,
 )
-from ff_planner_ros.robot.collision.solids import RADIUS, SPHERE, Solid, in_order
+from ff_planner_ros.robot.collision.solids import RADIUS, Solid, in_order
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.urdf.payload import HeldShape
@@ -76,7 +76,7 @@ class AttachedSphereEntry:
     @property
     def solid(self) -> Solid:
         """The sphere as a solid."""
-        return Solid(SPHERE, np.array([self.radius]))
+        return Solid.of_radius(self.radius)
 
     @classmethod
     def of(cls, one: Any) -> AttachedSphereEntry:

@@ -20,6 +20,7 @@ from ff_planner_ros.common.plain_values import (
     mapping,
     number,
     numbers,
+    of_checked,
     text,
 )
 from ff_planner_ros.common.shown import in_a_line, quoted
@@ -43,6 +44,7 @@ KINDS = (*PRIMITIVES, MESH)
 # Of a mesh in a file or message, whose hull is computed in the calling process.
 MAX_MESH_VERTICES = 100_000
 _GROWN = a_number(at_least=0.0)
+_NO_CORNERS = frozen(np.zeros((0, 3)))
 RADIUS = a_number(above=0.0)  # of a sphere [m]
 
 
@@ -82,6 +84,11 @@ class Solid:
             object.__setattr__(self, "grown", 0.0)
         object.__setattr__(self, "sizes", sizes)
         object.__setattr__(self, "corners", corners)
+
+    @classmethod
+    def of_radius(cls, radius: float) -> Solid:
+        """Return a sphere of a radius [m] that has been checked."""
+        return of_checked(cls, kind=SPHERE, sizes=frozen([radius]), corners=_NO_CORNERS, grown=0.0)
 
     @property
     def words(self) -> str:
