@@ -27,8 +27,9 @@ from ff_planner_ros.planning.distance.search_certificate import (
 from ff_planner_ros.planning.distance.surroundings import surroundings
 from ff_planner_ros.planning.motion.certified_least import Least
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.problem.obstacles import Obstacle
+from ff_planner_ros.planning.problem.obstacles import Obstacle, RigidMotion
 from ff_planner_ros.robot.collision.lines import with_bodies
+from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 
@@ -64,7 +65,20 @@ def in_the_way(robot: Robot, motion: FollowedMotion, rng: np.random.Generator) -
     around = tip + 1.5 * away / np.linalg.norm(away)
     of_any_shape = random_obstacles(rng, around, 5)
     spheres = [replace(one, id=f"ball {one.id}") for one in tumbling_spheres(rng, around, 2)]
-    return [*of_any_shape, *spheres]
+    return [*of_any_shape, *spheres, *passing(around, motion.time[-1], rng)]
+
+
+def passing(around: Array, end: float, rng: np.random.Generator) -> list[Obstacle]:
+    """A sphere and a rod that turns, which fly past a place between two points of a motion."""
+    found = []
+    for name, solid in (
+        ("flies", Solid("sphere", [0.1])),
+        ("turns", Solid("box", [0.8, 0.1, 0.1])),
+    ):
+        velocity, rate = 2.0 * rng.normal(size=3), 2.0 * rng.normal(size=3)
+        place = around - rng.uniform(0.1, 0.9) * end * velocity
+        found.append(Obstacle(name, solid, RigidMotion(place, [0, 0, 0, 1], velocity, rate)))
+    return found
 
 
 def off(check: Sequence[Least], search: Callable[[Indices], float]) -> Array:
