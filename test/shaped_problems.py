@@ -55,9 +55,12 @@ def among_cubes(problem: PlanningProblem) -> PlanningProblem:
     edge = (4 * np.pi / 3) ** (1 / 3)
     cubes = [
         Obstacle(one.id, Solid("box", np.full(3, edge * one.radius)), RigidMotion(one.center))
-        for one in problem.spheres
+        for one in problem.obstacles
+        if one.is_sphere
     ]
-    return replace(problem, obstacles=(*cubes, *problem.obstacle_bodies))
+    return replace(
+        problem, obstacles=(*cubes, *(one for one in problem.obstacles if not one.is_sphere))
+    )
 
 
 def with_fixed_bodies(body: TargetBody, away: float = 0.0) -> TargetBody:

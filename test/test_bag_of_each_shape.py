@@ -154,7 +154,7 @@ def test_a_ball_that_is_written_as_a_body_is_the_sphere_that_it_is(
 ) -> None:
     """The same plan, with and without deviations that are kept back, and the same again."""
     sphere = beside_the_arm(free, "sphere", motion)
-    (one,) = sphere.spheres
+    (one,) = sphere.obstacles
     ball, turn = Solid("sphere", np.array([one.radius])), pin.Quaternion(TURN).coeffs()
     if motion == FIXED:
         fixed = AttachedObstacle("it", ball, one.motion.lever, turn)

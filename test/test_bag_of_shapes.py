@@ -95,7 +95,8 @@ def test_shapes_of_each_kind_are_among_these() -> None:
     kinds = {
         body.solid.kind
         for number in NEAR
-        for body in shapes.problem(number).problem.obstacle_bodies
+        for body in shapes.problem(number).problem.obstacles
+        if not body.is_sphere
     }
     assert kinds == set(KINDS) - {"sphere"}
 
@@ -121,9 +122,8 @@ def test_a_scenario_keeps_bodies_and_a_digest_tells_them_apart(
     again = load_task(tmp_path / "again.yaml", Defaults(SETTINGS))
     assert again.digest == task.digest
     assert digest_of(scene_of(again.problem)) == digest_of(scene_of(problem))
-    digests = {digest_of(one) for one in problem.obstacle_bodies}
-    assert len(digests) == len(problem.obstacle_bodies)
-    assert not any(one.is_sphere for one in problem.obstacle_bodies)
+    digests = {digest_of(one) for one in problem.obstacles}
+    assert len(digests) == len(problem.obstacles)
 
 
 def test_a_scenarios_bodies_are_brought_as_they_are(tmp_path: Path) -> None:

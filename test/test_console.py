@@ -204,10 +204,10 @@ def test_a_moved_goal_is_reached(capture: PlanningTask) -> None:
 
 def test_a_moved_obstacle_is_there_and_others_stay(capture: PlanningTask) -> None:
     problem = capture.problem
-    name = problem.spheres[1].id
+    name = problem.obstacles[1].id
     place = np.array([3.0, 2.0, 1.0])
     after = moved(capture, name, place).problem
-    for before, one in zip(problem.spheres, after.spheres, strict=True):
+    for before, one in zip(problem.obstacles, after.obstacles, strict=True):
         assert one.center == pytest.approx(place if one.id == name else before.center)
     with pytest.raises(InvalidInput, match="moved is nobody: it must be one of goal, "):
         moved(capture, "nobody", place)
@@ -239,7 +239,7 @@ def test_a_change_leaves_nothing_of_the_old_search(capture: PlanningTask) -> Non
 
 def in_collision(task: PlanningTask) -> PlanningTask:
     tip = stages_of(task, None)[0].tip[0]
-    return moved(task, task.problem.spheres[0].id, tip)
+    return moved(task, task.problem.obstacles[0].id, tip)
 
 
 def test_a_start_in_collision_is_marked_where_it_is(capture: PlanningTask) -> None:
@@ -249,7 +249,7 @@ def test_a_start_in_collision_is_marked_where_it_is(capture: PlanningTask) -> No
     place = place_of_fault(task, refused.value)
     assert place is not None
     assert refused.value.status is Status.START_IN_COLLISION
-    sphere = task.problem.spheres[0]
+    sphere = task.problem.obstacles[0]
     assert f"/{sphere.id}, -" in place.words
     assert np.linalg.norm(place.points.mean(axis=0) - sphere.center) < 2 * sphere.radius
 

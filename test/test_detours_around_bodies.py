@@ -61,7 +61,7 @@ def test_a_thin_plate_across_the_straight_path_is_passed_on_four_sides_the_neare
     family = end_effector_paths(asked)
     guesses = [*islice(family.first_guesses(asked.obstacles, POINTS, DAMPING), 5)]
     np.testing.assert_array_equal(guesses[0], STRAIGHT)
-    (plate,) = asked.obstacle_bodies
+    (plate,) = asked.obstacles
     place = pin.SE3(
         pin.Quaternion(plate.motion.quaternion_xyzw).toRotationMatrix(), plate.motion.position
     )
@@ -81,7 +81,7 @@ def test_a_thin_plate_across_the_straight_path_is_passed_on_four_sides_the_neare
 def test_without_a_body_in_the_way_there_is_nothing_to_pass(problem: PlanningProblem) -> None:
     family = end_effector_paths(problem)
     straight = family.motion(STRAIGHT, POINTS, DAMPING)
-    (plate,) = walled(problem, 0.0).obstacle_bodies
+    (plate,) = walled(problem, 0.0).obstacles
     away = plate.with_motion(position=plate.motion.position + np.array([0.0, 3.0, 0.0]))
     assert around_body(problem.robot, straight, problem.duration, ()) is None
     assert around_body(problem.robot, straight, problem.duration, (away,)) is None

@@ -67,7 +67,7 @@ def by_mujoco(
     q, _ = configuration(robot, state)
     touch.along([np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]])], np.array([planned.time]))
     called = {one.name: f"body {k}" for k, one in enumerate(with_bodies(robot).bodies)}
-    obstacles = (*scene.spheres, *scene.obstacle_bodies)
+    obstacles = scene.obstacles
     called |= {one.id: f"obstacle {k}" for k, one in enumerate(obstacles)}
     geoms = [touch._model.geom(called[name]).id for name in planned.pair.split("/")]
     return float(mujoco.mj_geomDistance(touch._model, touch._data, *geoms, 50.0, np.zeros(6)))

@@ -67,7 +67,9 @@ def captured() -> PlanningProblem:
         ended,
         start=start,
         target_body=None,
-        obstacles=tuple(freed(one, capture.duration) for one in capture.obstacle_bodies),
+        obstacles=tuple(
+            freed(one, capture.duration) for one in capture.obstacles if not one.is_sphere
+        ),
         posture=Posture(positions=capture.start.joint_positions),
         allowed_collisions=(GRASPED,),
     )

@@ -183,7 +183,7 @@ def test_all_meshes_of_obstacles_are_read_in_one_process(
 
     monkeypatch.setattr(subprocess, "Popen", counted)
     problem = load_scenario(scenario_among_meshes(tmp_path, 5))
-    assert [one.solid.kind for one in problem.obstacle_bodies] == 5 * ["mesh"]
+    assert [one.solid.kind for one in problem.obstacles] == 5 * ["mesh"]
     assert len(started) == 1
 
 

@@ -70,9 +70,7 @@ FIELDS = {
 
 def solid_of(scenario: Path) -> Solid:
     """Return the mesh of a scenario."""
-    return next(
-        one.solid for one in load_scenario(scenario).obstacle_bodies if one.solid.kind == "mesh"
-    )
+    return next(one.solid for one in load_scenario(scenario).obstacles if one.solid.kind == "mesh")
 
 
 def require_told(refused: InvalidInput, written: Write, words: str) -> None:
@@ -99,7 +97,7 @@ def test_a_mesh_that_harms_its_reader_is_told_alone_and_one_beside_it_is_read(
         load_scenario(scenario)
     require_told(refused.value, written, words)
     (tmp_path / "evil.dae").write_bytes(dae(BOX))
-    meshes = [one for one in load_scenario(scenario).obstacle_bodies if one.solid.kind == "mesh"]
+    meshes = [one for one in load_scenario(scenario).obstacles if one.solid.kind == "mesh"]
     assert [len(one.solid.corners) for one in meshes] == [8, 8]
 
 

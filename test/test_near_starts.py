@@ -78,8 +78,8 @@ def beside(problem: PlanningProblem, kind: str, gap: float, side: float = -1.0) 
 def clearance(problem: PlanningProblem, time: float = 0.0, q: Array | None = None) -> float:
     """How far the robot is from its obstacle, up to 1 m: by Coal, or by a line's formula."""
     q = configuration(problem.robot, problem.start)[0] if q is None else q
-    if problem.spheres and not problem.robot.bodies:
-        (sphere,), points = problem.spheres, arm(problem.robot, q)
+    if problem.obstacles[0].is_sphere and not problem.robot.bodies:
+        (sphere,), points = problem.obstacles, arm(problem.robot, q)
         a, b = points[:-1], points[1:]
         length = np.maximum(np.sum((b - a) ** 2, axis=1), 1e-18)
         part = np.clip(np.sum((sphere.center - a) * (b - a), axis=1) / length, 0.0, 1.0)
@@ -143,7 +143,7 @@ def test_an_arm_that_must_get_round_what_it_starts_beside_keeps_clear_of_it_betw
 def test_a_start_that_moves_into_a_body_of_any_shape_is_refused_at_once(geometry: str) -> None:
     for kind in ("box", "capsule"):
         problem = beside(at_rest(geometry), kind, 2e-5)
-        (body,) = problem.obstacle_bodies
+        (body,) = problem.obstacles
         q, _ = configuration(problem.robot, problem.start)
         way = arm(problem.robot, q)[3:5].mean(axis=0) - body.motion.position
         for speed in (0.2, -0.2):

@@ -106,7 +106,7 @@ def test_bodies_fixed_to_a_target_move_and_turn_with_it(capture: PlanningProblem
     body = target_body_from_message(target_body_message(body_of(capture), STAMP, FRAME), FRAME)
     (fixed,) = [one for one in body.obstacles if one.id == "fixed_cone"]
     assert not fixed.is_sphere
-    (found,) = [one for one in capture.obstacle_bodies if one.id == "fixed_cone"]
+    (found,) = [one for one in capture.obstacles if one.id == "fixed_cone"]
     times = np.array([0.0, 3.0])
     rotations, positions = found.motion.poses(times)
     turned = Rotation.from_matrix(body.motion(np.zeros(3), times).rotations)
@@ -269,5 +269,7 @@ def test_a_problem_has_its_obstacles_in_the_order_of_messages(capture: PlanningP
     assert kinds == sorted(kinds, reverse=True)
     again = replace(capture, obstacles=capture.obstacles[::-1])
     assert {one.id for one in again.obstacles} == {one.id for one in capture.obstacles}
-    assert all(one.is_sphere for one in again.obstacles[: len(capture.spheres)])
+    assert all(
+        one.is_sphere for one in again.obstacles[: sum(one.is_sphere for one in capture.obstacles)]
+    )
     assert among_bodies(tumbling.problem("tumbling", 0)).obstacles[-1].id == "mesh"

@@ -291,7 +291,7 @@ def test_a_line_that_slides_out_of_nothing_keeps_its_own_room() -> None:
 
     def distances(q: np.ndarray, times: np.ndarray) -> np.ndarray:
         every = np.arange(problem.robot.joints)
-        return clearances(arm_points(problem.robot, q), times, every, problem.spheres).distance
+        return clearances(arm_points(problem.robot, q), times, every, problem.obstacles).distance
 
     q = np.stack([motion.q_half_way, motion.q[1:]], axis=1).reshape(-1, motion.q.shape[1])
     times = np.linspace(0.0, problem.duration, 99)[1:]

@@ -180,7 +180,7 @@ def test_what_moves_goes_on_until_the_next_phase(task: PlanningTask, plan: Plan)
     passing = Obstacle.sphere("passing", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.1, 0.2, 0.0]))
     problem = replace(task.problem, obstacles=(*task.problem.obstacles, passing))
     after = following(replace(task, problem=problem), plan.phases[0]).problem
-    (seen,) = after.spheres
+    (seen,) = [one for one in after.obstacles if one.is_sphere]
     lasted = plan.phases[0].trajectory.time[-1]
     np.testing.assert_allclose(seen.center, [9.0 + 0.1 * lasted, 0.2 * lasted, 0.0])
 

@@ -30,7 +30,7 @@ def test_the_distances_at_the_start_are_those_of_coal(problem: PlanningProblem) 
     q, _ = configuration(robot, problem.start)
     places = dict(zip([one.name for one in robot.bodies], body_placements(robot, q), strict=True))
     solids = {one.name: one.solid for one in robot.bodies}
-    for one in problem.obstacle_bodies:
+    for one in (one for one in problem.obstacles if not one.is_sphere):
         rotation, position = (each[0] for each in one.motion.poses(np.zeros(1)))
         there, solid = pin.SE3(rotation, position), one.solid.geometry
         truth = {
@@ -76,7 +76,7 @@ def test_the_page_shows_robot_obstacles_goal_and_how_they_move(problem: Planning
     assert f"link_7/ring_0, {1e3 * goal[0].distance:.1f} mm at the goal" in names
     last = figure.frames[-1]
     assert float(last.name) == problem.duration
-    (ring,) = [one for one in problem.obstacle_bodies if one.id == "ring_0"]
+    (ring,) = [one for one in problem.obstacles if one.id == "ring_0"]
     number = problem.obstacles.index(ring)
     drawn = np.array([last.data[number][axis] for axis in "xyz"]).mean(axis=1)
     place = ring.motion.poses(np.array([problem.duration]))[1][0]

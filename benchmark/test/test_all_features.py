@@ -54,7 +54,7 @@ def test_a_witness_keeps_everything_that_is_asked_for(number: int) -> None:
     # Away from every sphere by 2 cm, but for what frames leave of the digits, and from itself.
     swept = Swept(robot, witness.way)
     assert own_gap(swept, 0.01) >= 0.01
-    for sphere in own.spheres:
+    for sphere in (one for one in own.obstacles if one.is_sphere):
         if sphere.body is None:
             centers = sphere.center + witness.times[:, None] * sphere.motion.velocity
         else:
@@ -87,7 +87,7 @@ def test_the_class_has_all_robots_passing_spheres_and_both_weights_of_the_durati
     drawn = [all_features.problem(number).problem for number in range(times(5, 8))]
     assert len({one.robot.joints for one in drawn}) == 3
     assert {one.objective.duration for one in drawn} == {0.0, 0.05}
-    passing = [s for one in drawn for s in one.spheres if s.body is None]
+    passing = [s for one in drawn for s in one.obstacles if s.is_sphere and s.body is None]
     assert len(passing) >= 0.75 * len(drawn)
     fast = [np.linalg.norm(one.start.linear_velocity_chaser_in_inertial) for one in drawn]
     assert min(fast) > 100.0

@@ -48,8 +48,8 @@ def test_a_witness_of_a_held_chaser_comes_to_the_goal_past_the_spheres(
     np.testing.assert_allclose(problem.target.angular_velocity, 0.0, atol=1e-9)
     assert times[-1] == pytest.approx(problem.duration)
     points = arm_points(robot, way)
-    if problem.spheres:
-        near = clearances(points, times, segments(points), problem.spheres)
+    if problem.obstacles:
+        near = clearances(points, times, segments(points), problem.obstacles)
         assert near.distance.min() > 0.0
 
 
@@ -105,7 +105,7 @@ def test_random_starts_are_clear_of_the_spheres_and_share_goal_and_centre_of_mas
     np.testing.assert_allclose(pin.centerOfMass(other.robot.model, data, q), 0.0, atol=1e-12)
     assert not v.any()
     points = arm_points(other.robot, q[None])
-    away = clearances(points, np.zeros(1), segments(points), other.spheres).distance.min()
+    away = clearances(points, np.zeros(1), segments(points), other.obstacles).distance.min()
     assert away >= 0.02
 
 
@@ -125,7 +125,7 @@ def test_a_witness_of_a_rail_slides_and_comes_to_the_goal_past_the_spheres(numbe
     moving = pin.Quaternion(way[-1, 3:7]) * velocities[-1, :3] + np.cross(turning, lever)
     np.testing.assert_allclose(problem.target.linear_velocity, moving, atol=1e-7)
     points = arm_points(robot, way)
-    near = clearances(points, times, segments(points), problem.spheres)
+    near = clearances(points, times, segments(points), problem.obstacles)
     assert near.distance.min(initial=1.0) > 0.0
 
 

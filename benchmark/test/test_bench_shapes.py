@@ -85,7 +85,7 @@ def test_the_witness_stays_clear_of_every_body_between_the_points_too(
     times, way, *_ = witness_at(drawn, FINE)
     least = [
         least_distances(with_bodies(drawn.problem.robot), way, times, one).min()
-        for one in drawn.problem.obstacle_bodies
+        for one in drawn.problem.obstacles
     ]
     assert min(least) > shapes.CLEAR
     slot = situation == "slot"
@@ -106,12 +106,12 @@ def test_the_straight_path_meets_a_body(drawn: Drawn[Witness], situation: str) -
         return
     motion = roll_out(drawn.problem, STRAIGHT, 101)
     times = np.linspace(0.0, drawn.problem.duration, 101)
-    first, robot = drawn.problem.obstacle_bodies[0], with_bodies(drawn.problem.robot)
+    first, robot = drawn.problem.obstacles[0], with_bodies(drawn.problem.robot)
     assert least_distances(robot, motion.q, times, first).min() < 0.0
 
 
 def test_each_situation_is_what_it_promises(drawn: Drawn[Witness], situation: str) -> None:
-    problem, bodies, still = drawn.problem, drawn.problem.obstacle_bodies, np.zeros(3)
+    problem, bodies, still = drawn.problem, drawn.problem.obstacles, np.zeros(3)
     assert problem.obstacles == bodies
     turning = [float(np.linalg.norm(one.motion.angular_velocity)) for one in bodies]
     moving = [one.moves for one in bodies]
@@ -148,14 +148,14 @@ def test_robots_situations_and_kinds_of_shapes_are_all_there() -> None:
     assert names == {bench_robot(name).model.name for name in ROBOTS}
     of_lines = [one.problem.robot.geometry is Geometry.LINES for one in first]
     assert of_lines == ([False] * (LINES_EVERY - 1) + [True]) * 2
-    kinds = {body.solid.kind for one in first for body in one.problem.obstacle_bodies}
+    kinds = {body.solid.kind for one in first for body in one.problem.obstacles}
     assert kinds == {"box", "cylinder", "capsule", "cone", "mesh"}
 
 
 def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None:
     def numbers(drawn: Drawn[Witness]) -> Array:
         problem = drawn.problem
-        places = [one.motion.position for one in problem.obstacle_bodies]
+        places = [one.motion.position for one in problem.obstacles]
         return np.concatenate([problem.start.joint_positions, *places])
 
     first, other = numbers(shapes.problem(2)), numbers(shapes.problem(3))

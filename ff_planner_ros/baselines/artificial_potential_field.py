@@ -126,9 +126,8 @@ class _Motion:
         push, distance = repulsion(problem, parameters, time, q, solution.by_twist)
         pull = attraction(self._offset(time, q), parameters)
         drag = -parameters.damping * (twist - self._goal_twist)
-        nearest = ""
-        if problem.spheres:
-            nearest = problem.spheres[int(distance.min(axis=0).argmin())].id
+        names = [one.id for one in problem.obstacles if one.is_sphere]
+        nearest = names[int(distance.min(axis=0).argmin())] if names else ""
         acceleration = solution.by_q @ solution.v + solution.by_twist @ (pull + push + drag)
         return _Sample(q, solution.v, acceleration, pull, push, drag, nearest)
 

@@ -124,7 +124,8 @@ def repulsion(
     """
     positions, derivatives = arm_points_with_derivatives(problem.robot, q[None], v_by_twist[None])
     starts = segments(positions)
-    clear = clearances(positions, np.array([time]), starts, problem.spheres)
+    spheres = [one for one in problem.obstacles if one.is_sphere]
+    clear = clearances(positions, np.array([time]), starts, spheres)
     distance = np.maximum(clear.distance, parameters.smallest_distance)
     growth = 1.0 + parameters.decay * distance
     force = parameters.repulsion * np.exp(-parameters.decay * distance) * growth / distance**2

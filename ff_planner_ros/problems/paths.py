@@ -68,7 +68,7 @@ def within_limits(
 
 
 def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
-    """Return a lower bound of a path's distance to spheres, also between the points [m].
+    """Return a lower bound of a path's distance to obstacles, also between the points [m].
 
     Raises:
         NoPlanFound: The path meets a dynamic singularity.
@@ -78,8 +78,8 @@ def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
     at_rest = np.zeros((len(times), problem.robot.joints))
     joints = JointMotion(times, rollout.q[:, 7:], rollout.v[:, 6:], at_rest)
     motion = FollowedMotion(joints, 1, times, rollout.q, rollout.v, at_rest)
-    robot, around = with_bodies(problem.robot), surroundings(problem.spheres)
-    every = np.arange(len(robot.bodies) * len(problem.spheres))
+    robot, around = with_bodies(problem.robot), surroundings(problem.obstacles)
+    every = np.arange(len(robot.bodies) * len(problem.obstacles))
     return least_obstacle_distance(robot, motion, around, every, len(times) - 1).certified
 
 

@@ -67,7 +67,7 @@ def _functions(
         return _WALL
     positions = arm_points(robot, motion.q)
     times = np.linspace(0.0, problem.duration, problem.points)
-    distance = clearances(positions, times, segments(positions), problem.spheres).distance
+    distance = clearances(positions, times, segments(positions), problem.obstacles).distance
     joints = motion.q[:, 7:]
     margins = np.minimum(robot.upper_position_limits - joints, joints - robot.lower_position_limits)
     return (

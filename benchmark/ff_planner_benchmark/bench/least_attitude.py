@@ -150,7 +150,7 @@ def _slsqp(
 ) -> Found:
     """Return what SLSQP with exact gradients finds from so many of our initial guesses in turn."""
     program = path_program(problem, end_effector_paths(problem), settings)
-    guesses = program.family.first_guesses(problem.spheres, program.points, 0.0)
+    guesses = program.family.first_guesses(problem.obstacles, program.points, 0.0)
     begun, found = time.process_time(), Found()
     for guess in islice(guesses, starts):
         with suppress(NoPlanFound):

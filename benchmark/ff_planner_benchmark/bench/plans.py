@@ -127,7 +127,7 @@ def _geometries(one: ProblemClass, index: int, settings: PlannerSettings) -> Ite
     robot, whole = one.robot(index), one.draw(index).problem
 
     def contacts(made: Plan | None) -> Row:
-        found = touching(whole.robot, made.trajectory, whole.spheres) if made else ()
+        found = touching(whole.robot, made.trajectory, whole.obstacles) if made else ()
         return {"touches": sorted(found)}
 
     for name, objective in OBJECTIVES.items():

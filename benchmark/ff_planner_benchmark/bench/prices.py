@@ -67,7 +67,7 @@ def crowds(count: int, settings: PlannerSettings) -> Iterator[Row]:
 
 def _more_spheres(problem: PlanningProblem, way: Swept, count: int) -> tuple[Obstacle, ...]:
     """Return a problem's spheres and others around the robot, clear of its bodies on the way."""
-    rng, spheres = np.random.default_rng(0), list(problem.spheres)
+    rng, spheres = np.random.default_rng(0), list(problem.obstacles)
     middle, reach = way.centers.mean(axis=(0, 1)), np.ptp(way.centers, axis=(0, 1)).max()
 
     def draw() -> Obstacle | None:
@@ -108,8 +108,8 @@ def prices(count: int, settings: PlannerSettings) -> Iterator[Row]:
 
     for name in ("lemur_capture", "lemur_capture_bodies"):
         spheres = shipped(name)
-        boxes = replace(spheres, obstacles=tuple(map(_box, spheres.spheres)))
-        hulls = replace(spheres, obstacles=tuple(map(_hull, boxes.obstacle_bodies)))
+        boxes = replace(spheres, obstacles=tuple(map(_box, spheres.obstacles)))
+        hulls = replace(spheres, obstacles=tuple(map(_hull, boxes.obstacles)))
         fewer, more = (
             replace(boxes, obstacles=_scattered(boxes, settings, size)) for size in (few, many)
         )
@@ -130,7 +130,7 @@ def prices(count: int, settings: PlannerSettings) -> Iterator[Row]:
             for n in range(count * len(BODIES.robots))
         ]
         among_boxes = [
-            replace(one, obstacles=tuple(map(_box_inside, one.spheres))) for one in among_spheres
+            replace(one, obstacles=tuple(map(_box_inside, one.obstacles))) for one in among_spheres
         ]
         where = f"{len(among_spheres)} problems, {geometry.value}"
         row = {"capture": where, "of": "boxes", "beside": "spheres"}
@@ -191,7 +191,7 @@ def _scattered(
 
     while len(found) < count - len(problem.obstacles):
         found.append(first_sound("box", problem.robot.model.name, draw))
-    return (*problem.obstacle_bodies, *found)
+    return (*problem.obstacles, *found)
 
 
 def _targets(

@@ -72,7 +72,7 @@ def _with_spheres(count: int, settings: PlannerSettings) -> Iterator[Row]:
     """Time the paper's capture as spheres clear of the plan are added."""
     problem, rng = shipped("lemur_capture"), np.random.default_rng(0)
     q, times = flown(problem, settings)
-    positions, spheres = arm_points(problem.robot, q), list(problem.spheres)
+    positions, spheres = arm_points(problem.robot, q), list(problem.obstacles)
 
     def draw() -> Obstacle | None:
         center, radius = rng.uniform(-CUBE / 2, CUBE / 2, 3), rng.uniform(0.05, 0.2)

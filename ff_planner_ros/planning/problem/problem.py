@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -229,16 +228,6 @@ class PlanningProblem:
             self._require_approachable(self.approach)
         if self.camera is not None:
             self._require_known_link(self.camera.link)
-
-    @cached_property
-    def spheres(self) -> tuple[Obstacle, ...]:
-        """The spheres among the obstacles."""
-        return tuple(one for one in self.obstacles if one.is_sphere)
-
-    @cached_property
-    def obstacle_bodies(self) -> tuple[Obstacle, ...]:
-        """The obstacles that are not spheres."""
-        return tuple(one for one in self.obstacles if not one.is_sphere)
 
     @property
     def durations(self) -> DurationRange:

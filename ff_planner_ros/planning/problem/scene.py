@@ -86,16 +86,6 @@ class Scene:
         return None if self.capture_time is None else self.target_body.target(self.capture_time)
 
     @property
-    def spheres(self) -> tuple[Obstacle, ...]:
-        """The spheres among the obstacles."""
-        return tuple(one for one in self.obstacles if one.is_sphere)
-
-    @property
-    def obstacle_bodies(self) -> tuple[Obstacle, ...]:
-        """The obstacles that are not spheres."""
-        return tuple(one for one in self.obstacles if not one.is_sphere)
-
-    @property
     def constraints(self) -> dict[str, Approach | Camera]:
         """Approach and camera, those that there are, by the name of their field."""
         every = {"approach": self.approach, "camera": self.camera}
