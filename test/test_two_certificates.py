@@ -43,6 +43,8 @@ LINES = ["free3", "free7", "planar3", "sliding4", "sliding7"]
 assert {*LINES} <= {*FREE, *PLANAR, *SLIDING}
 # From 20 on two joints of these slide.
 SHAPES = [0, 1, 2, 3, 20, 21, 22]
+# Steps of the robot from point to point [rad, m]: where it rests, obstacles alone move.
+SIZES = [0.0, 0.1, 0.4]
 
 
 def drawn_motion(robot: Robot, rng: np.random.Generator, size: float) -> FollowedMotion:
@@ -101,7 +103,7 @@ def off_obstacles(robot: Robot, motion: FollowedMotion, obstacles: list[Obstacle
     )
 
 
-@pytest.mark.parametrize("size", [0.1, 0.4])
+@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("of", "seed"), [*itertools.product(LINES, range(2))])
 def test_both_sides_certify_the_same_clearance_of_lines(of: str, seed: int, size: float) -> None:
     robot, rng = chain_robot(of), np.random.default_rng(seed)
@@ -109,7 +111,7 @@ def test_both_sides_certify_the_same_clearance_of_lines(of: str, seed: int, size
     assert np.abs(off_obstacles(robot, motion, in_the_way(robot, motion, rng))).max() < CLOSE
 
 
-@pytest.mark.parametrize("size", [0.1, 0.4])
+@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("seed", SHAPES)
 def test_both_sides_certify_the_same_clearance_of_bodies(seed: int, size: float) -> None:
     robot, rng = random_robot(seed), np.random.default_rng(seed)
