@@ -280,7 +280,7 @@ def test_a_floating_joint_above_the_base_is_the_one_fault_that_is_told() -> None
     )
     with pytest.raises(InvalidInput) as refused:
         checked_urdf(LEMUR_URDF.read_text().replace("</robot>", world), "chaser", "end_effector")
-    told = "joint 'free' is movable and carries the base link: make it fixed"
+    told = "joint 'free' is movable and carries the base link: make it fixed (line 294)"
     assert str(refused.value) == told
 
 

@@ -316,6 +316,43 @@ def test_what_a_urdf_cannot_say_or_nobody_can_read_is_refused_by_name(
     assert refused.value.status is Status.OUT_OF_RANGE
 
 
+def test_all_faults_of_an_sdf_are_told_in_one_run_each_with_its_line() -> None:
+    changes = (
+        ("<mass>20</mass>", "<mass unit='g'>20</mass>", "<mass> is with an unknown 'unit'"),
+        ("<axis>", "<axis2/><axis>", "<axis2> is in <joint>"),
+        ("<xyz>0 1 0</xyz>", "<xyz>0 1</xyz>", "joint 'drive' axis xyz is '0 1'"),
+        ('relative_to="root"', 'relative_to="moon"', "frame 'panel' relative_to is 'moon'"),
+        ("<geometry><sphere>", "<geometry><box/><sphere>", "collision geometry is 2 shapes"),
+    )
+    text = SDF
+    for old, new, _ in changes:
+        text = text.replace(old, new, 1)
+    with pytest.raises(InvalidInput) as refused:
+        urdf_body(text, "the file")
+    told = str(refused.value)
+    assert told.startswith(f"the file is at fault in {len(changes)} places")
+    for _, new, words in changes:
+        line = 1 + text[: text.index(new)].count("\n")
+        if words.startswith("frame"):
+            line -= 1  # its link begins one line earlier
+        assert re.search(rf"{re.escape(words)}[^;]*\(line {line}\)", told), (words, told)
+
+
+def test_what_a_urdf_reader_finds_in_an_sdf_has_its_line_there() -> None:
+    for old, new, words in (
+        ("<mass>100<", "<mass>heavy<", "link 'bus' mass is 'heavy'"),
+        ("<size>1 0.8 0.6<", "<size>1 0.8<", "link 'bus' collision box size is"),
+        ("<parent>bus<", "<parent>world<", "joint 'drive' parent is world"),
+    ):
+        text = SDF.replace(old, new, 1)
+        line = 1 + text[: text.index(new)].count("\n")
+        with pytest.raises(InvalidInput) as refused:
+            urdf_body(text, "the file")
+        found = re.search(rf"{words}.*\(line (\d+)", str(refused.value))
+        assert found
+        assert int(found[1]) == line, words
+
+
 def test_a_link_without_an_inertial_is_not_taken_for_a_kilogram() -> None:
     light = "<sdf version='1.9'><model name='m'><link name='a'/></model></sdf>"
     with pytest.raises(InvalidInput, match="link 'a' inertial is missing"):

@@ -245,6 +245,51 @@ def test_every_fault_is_told_in_one_run(seed: int) -> None:
         assert words in told, (name, words, told)
 
 
+LINES_OF_FAULTS = {
+    # An attribute is on the line of its element, and what is missing on that of its owner
+    "joint 'joint_3' limit velocity is ": (r'(<joint name="joint_3".*?<limit[^>]*velocity=")', "x"),
+    "link 'link_5' mass is ": (r'(<link name="link_5">.*?<mass value=")', "-"),
+    "link 'link_5' inertia izz is ": (r'(<link name="link_5">.*?<inertia [^>]*izz=")', "x"),
+    "joint 'joint_3' origin xyz is ": (r'(<joint name="joint_3".*?<origin [^>]*xyz=")', "x "),
+    "joint 'joint_3' child is ": (r'(<joint name="joint_3".*?<child link=")', "no_"),
+    "link 'link_5' is with an unknown <intertial>": (
+        r'(<link name="link_5">.*?)(?=<inertial>)',
+        "<intertial/>",
+    ),
+}
+
+
+@pytest.mark.parametrize("read", [as_robot, as_target])
+@pytest.mark.parametrize("words", LINES_OF_FAULTS)
+def test_a_fault_names_the_line_on_which_its_element_begins(
+    words: str, read: Callable[[str], None]
+) -> None:
+    """As an editor counts, whether lines end by one character or by two."""
+    pattern, written = LINES_OF_FAULTS[words]
+    found = re.search(pattern, LEMUR, flags=re.DOTALL)
+    before = LEMUR[: found.end()]
+    text = before + written + LEMUR[found.end() :]
+    line = 1 + before[: max(before.rfind("<"), len(before) * ("/>" in written))].count("\n")
+    if words.startswith("joint") and read is as_target and "limit" in words:
+        read(text)  # limits of a body's joints do not matter
+        return
+    for lines in (text, text.replace("\n", "\r\n")):
+        with pytest.raises(InvalidInput) as refusal:
+            read(lines)
+        told = str(refusal.value)
+        assert words in told
+        assert re.search(rf"{re.escape(words)}[^;]* \(line {line}[;)]", told), (line, told)
+
+
+def test_faults_of_one_kind_have_a_line_each() -> None:
+    heavy = re.sub(r'<mass value="[^"]*"/>', '<mass value="x"/>', LEMUR)
+    with pytest.raises(InvalidInput) as refusal:
+        as_robot(heavy)
+    told = str(refusal.value)
+    lines = [n for n, line in enumerate(heavy.splitlines(), 1) if "<mass " in line]
+    assert [int(line) for line in re.findall(r"(?:line|on) (\d+)", told)] == lines
+
+
 def test_faults_of_the_tree_and_of_the_numbers_are_told_together() -> None:
     broken = LEMUR.replace('<child link="link_6"/>', "").replace('effort="80.0"', 'effort="-1"')
     broken = broken.replace("</robot>", '<link name="link_1"/></robot>')

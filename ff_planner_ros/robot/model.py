@@ -23,7 +23,6 @@ from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.whole_body import whole_body
 from ff_planner_ros.robot.plane import require_planar
 from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD, LockedJoint, with_locked
-from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NO_VELOCITY_LIMIT, checked_urdf
 from ff_planner_ros.robot.urdf.urdf_tree import as_revolute
@@ -186,16 +185,15 @@ def load_robot(
 
 
 def read_urdf(urdf: Path, field: str = _ROBOT) -> str:
-    """Return the text of a robot's URDF file, converted from SDFormat if need be.
+    """Return the text of a URDF, SDF or SRDF file.
 
     Args:
-        field: Field that names the file, for errors; only that of the robot is converted.
+        field: Field that names the file, for errors.
 
     Raises:
-        InvalidInput: The file cannot be read, or a model in it cannot be converted.
+        InvalidInput: The file cannot be read.
     """
-    text = read_text(urdf, MAX_CHARACTERS, field, Status.BAD_ROBOT)
-    return urdf_of(text) if field == _ROBOT else text
+    return read_text(urdf, MAX_CHARACTERS, field, Status.BAD_ROBOT)
 
 
 def robot_from_urdf_text(
@@ -213,8 +211,8 @@ def robot_from_urdf_text(
     """Build a robot from a URDF.
 
     Args:
-        text: The URDF's XML, with a chain of revolute and prismatic joints from base to tip. All
-            other joints are locked.
+        text: The XML of a URDF or SDF, with a chain of revolute and prismatic joints from base to
+            tip. All other joints are locked.
         base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
         tip_link: Link whose frame is the end effector. None: the only link that moves and
             carries no other.

@@ -19,6 +19,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.node import ANY_AGE, NodeParameters
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
+from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.ros.inputs.middleware import Middleware, namesakes
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
@@ -121,7 +122,7 @@ class Session:
 
     def activate(self) -> None:
         """Publish the robot's description, and accept requests."""
-        self._output.describe_robot(self._description)
+        self._output.describe_robot(urdf_of(self._description))
         self._service.activate()
         recording = "not recording" if self._recorder.health.failure else "recording"
         name, joints = self._robot.model.name, ", ".join(self._robot.joint_names)

@@ -110,7 +110,9 @@ def collision_solid(
     shape = collision.find("geometry/*")
     if shape is None:
         allowed = f"it must be one of {listed(sorted(PRIMITIVES))}, mesh"
-        faults.add("link", link, "collision", "without a geometry that is known", allowed)
+        faults.add(
+            "link", link, "collision", "without a geometry that is known", allowed, collision
+        )
         return None
     if shape.tag == "mesh":
         return meshes.hull(link, collision, faults)
@@ -118,13 +120,16 @@ def collision_solid(
     sizes = [
         size
         for name, count in primitive.sizes.items()
-        for size in _numbers(link, f"{told} {name}", shape.get(name), count, faults)
+        for size in _numbers(link, f"{told} {name}", shape, name, count, faults)
     ]
     return primitive.made(*sizes) if sizes and all(sizes) else None
 
 
-def _numbers(link: str, part: str, text: str | None, count: int, faults: Faults) -> list[float]:
+def _numbers(
+    link: str, part: str, shape: Element, name: str, count: int, faults: Faults
+) -> list[float]:
     """Return sizes [m]; zeros: they are faulty."""
+    text = shape.get(name)
     try:
         sizes = [float(word) for word in (text or "").split()]
     except ValueError:
@@ -133,5 +138,5 @@ def _numbers(link: str, part: str, text: str | None, count: int, faults: Faults)
         return sizes
     numbers = "one number" if count == 1 else f"{count} numbers"
     allowed = f"it must be {numbers} from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} [m]"
-    faults.add("link", link, part, repr(text) if text else "missing", allowed)
+    faults.add("link", link, part, repr(text) if text else "missing", allowed, shape)
     return count * [0.0]

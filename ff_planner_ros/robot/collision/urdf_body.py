@@ -24,7 +24,6 @@ from ff_planner_ros.robot.urdf.locked_joints import (
     without_mimicked,
 )
 from ff_planner_ros.robot.urdf.meshes import Meshes
-from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, joint_weight, placement, too_wide
 from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, listed
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, tree_of
@@ -89,7 +88,7 @@ def _of(told: str, error: InvalidInput) -> InvalidInput:
 
 
 def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float]) -> UrdfBody:
-    faults, text = Faults(), urdf_of(text)
+    faults = Faults()
     robot = read_elements(text, faults)
     tree = tree_of(robot, faults)
     if len(tree.roots) > 1:

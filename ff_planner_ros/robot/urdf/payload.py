@@ -157,9 +157,8 @@ def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -
     except InvalidInput as error:
         fault = error.faults[0]
         told = fault.field.rpartition(f"'{PAYLOAD}' ")[2]
-        raise InvalidInput(
-            Status.OUT_OF_RANGE, f"{FIELD}.{told}", fault.value, fault.allowed
-        ) from None
+        allowed = fault.allowed.partition(" (line ")[0]  # of a text that nobody has seen
+        raise InvalidInput(Status.OUT_OF_RANGE, f"{FIELD}.{told}", fault.value, allowed) from None
     note = f"link {payload.link} holds a payload of {payload.mass:g} kg"
     return replace(held, notes=(*robot.notes, note), payload=payload)
 

@@ -30,8 +30,8 @@ from ff_planner_ros.robot.urdf.urdf_faults import (
     listed,
     shortened,
 )
-from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, read_tags, tree_of
-from ff_planner_ros.robot.urdf.urdf_xml import LOCKED, read_elements
+from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
+from ff_planner_ros.robot.urdf.urdf_xml import LOCKED, read_elements, read_other_facts
 
 # The planner's bound of continuous joints, either way from the turn of the start [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi
@@ -40,14 +40,6 @@ _LOCKED = "robot.locked_joints"
 
 # Velocity limit that stands for none [rad/s, m/s]: every reader of URDFs wants a number.
 NO_VELOCITY_LIMIT = LARGEST
-
-# What a URDF says of joints beside its limits.
-_OTHER_FACTS = frozenset(
-    (
-        *("robot", "joint", "limit", "safety_controller", "dynamics"),
-        *("ros2_control", "command_interface", "limits", "param"),
-    )
-)
 
 
 class CheckedUrdf(NamedTuple):
@@ -252,7 +244,7 @@ def _limit_continuous(joint: Element) -> None:
 
 def _not_counted(moving: Sequence[Element], text: str) -> list[str]:
     """Return notes on what else a URDF says of the joints that move, and no plan counts."""
-    given = read_tags(text, _OTHER_FACTS)
+    given = read_other_facts(text)
     commands = [
         (_name(joint), one)
         for joint in given.iterfind("ros2_control/joint")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
-from itertools import accumulate
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -29,12 +29,18 @@ class Fault(NamedTuple):
     part: str  # of the element: `limit velocity`; empty: the element itself
     value: str
     allowed: str
+    line: int = 0  # of the file; 0: not known
 
     @property
     def field(self) -> str:
         """Kind, name and part at fault, as one text for errors."""
         name = repr(shortened(self.name)) if self.name else ""
         return " ".join(word for word in (self.kind, name, self.part) if word)
+
+    @property
+    def where(self) -> str:
+        """The line as a text to append; empty: it is not known."""
+        return f" (line {self.line})" if self.line else ""
 
 
 class Faults:
@@ -43,6 +49,8 @@ class Faults:
     def __init__(self) -> None:
         """Start without any fault."""
         self._found: list[Fault] = []
+        # Elements that know their line, by kind and name
+        self.places: dict[tuple[str, str], Element] = {}
         self.unread: dict[str, None] = {}  # elements and attributes that a note names, once each
 
     @property
@@ -50,9 +58,31 @@ class Faults:
         """Notes for the user, on what is no fault."""
         return [f"not read: {listed(self.unread)}"] if self.unread else []
 
-    def add(self, kind: str, name: str, part: str, value: object, allowed: str) -> None:
-        """Add a fault; the arguments are those of `Fault`."""
-        self._found.append(Fault(kind, name, part, str(value), allowed))
+    def add(
+        self,
+        kind: str,
+        name: str,
+        part: str,
+        value: object,
+        allowed: str,
+        at: Element | int | None = None,
+    ) -> None:
+        """Add a fault; the other arguments are those of `Fault`.
+
+        Args:
+            at: Element at fault, or its line. None: that of this kind and name, or its part.
+        """
+        line = at if isinstance(at, int) else line_of(at) or self._line_of(kind, name, part)
+        self._found.append(Fault(kind, name, part, str(value), allowed, line))
+
+    def _line_of(self, kind: str, name: str, part: str) -> int:
+        found = self.places.get((kind, name))
+        for word in part.split():
+            inside = [] if found is None else [one for one in found.iter(word) if one is not found]
+            if len(inside) != 1:
+                break
+            found = inside[0]
+        return line_of(found)
 
     def __len__(self) -> int:
         """Return the number of faults."""
@@ -66,7 +96,7 @@ class Faults:
         """
         if len(self._found) == 1:
             (only,) = self._found
-            raise InvalidInput(Status.BAD_ROBOT, only.field, only.value, only.allowed)
+            raise InvalidInput(Status.BAD_ROBOT, only.field, only.value, only.allowed + only.where)
         if self._found:
             count = f"at fault in {len(self._found)} places"
             raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", count, _told(self._found))
@@ -75,14 +105,14 @@ class Faults:
         """Return an attribute's number, NaN if it is faulty, and write it back as it was read."""
         text = None if element is None else element.get(key)
         if element is None or text is None:
-            self.add(kind, name, part, "missing", "it must be a number")
+            self.add(kind, name, part, "missing", "it must be a number", element)
             return math.nan
         numbers = finite_numbers(text)
         if len(numbers) != 1:
-            self.add(kind, name, part, repr(shortened(text)), "it must be a finite number")
+            self.add(kind, name, part, repr(shortened(text)), "it must be a finite number", element)
             return math.nan
         if abs(numbers[0]) > LARGEST:
-            self.add(kind, name, part, numbers[0], f"its size must be at most {LARGEST:g}")
+            self.add(kind, name, part, numbers[0], f"its size must be at most {LARGEST:g}", element)
             return math.nan
         element.set(key, repr(numbers[0]))
         return numbers[0]
@@ -95,22 +125,27 @@ class Faults:
         for key, text in element.items():
             numbers = finite_numbers(text)
             if key == "quat_xyzw":
-                self.add(kind, name, part, "a quaternion", "write it as rpy")
+                self.add(kind, name, part, "a quaternion", "write it as rpy", element)
             elif len(numbers) != 3:
-                value = repr(shortened(text))
-                self.add(kind, name, f"{part} {key}", value, "it must be three finite numbers")
+                value, allowed = repr(shortened(text)), "it must be three finite numbers"
+                self.add(kind, name, f"{part} {key}", value, allowed, element)
             elif max(map(abs, numbers)) > LARGEST:
                 allowed = f"their size must be at most {LARGEST:g}"
-                self.add(kind, name, f"{part} {key}", shortened(text), allowed)
+                self.add(kind, name, f"{part} {key}", shortened(text), allowed, element)
             else:
                 element.set(key, " ".join(map(repr, numbers)))
         return len(self) == told
 
 
+def line_of(element: Element | None) -> int:
+    """Return the line on which an element of a file begins; 0: it is not known."""
+    return getattr(element, "line", 0)
+
+
 def listed(names: Iterable[str], longest: int = _LONGEST_LIST) -> str:
     """Return names with commas between; of many the first ones, and how many more there are."""
     every = [shortened(name) for name in names]
-    ends = accumulate(len(name) + len(", ") for name in every)
+    ends = itertools.accumulate(len(name) + len(", ") for name in every)
     fit = max(1, sum(end - len(", ") <= longest for end in ends))
     more = f" and {len(every) - fit} more" if len(every) > fit else ""
     return ", ".join(every[:fit]) + more
@@ -133,27 +168,30 @@ def finite_numbers(text: str) -> list[float]:
 
 
 def _told(faults: list[Fault]) -> str:
-    """Return all faults as one text: those of one kind together, and as many names as fit."""
+    """Return all faults as one text: those of one kind together, as many names and lines as fit."""
     alike: dict[tuple[str, str, str], list[Fault]] = {}
     for fault in faults:
         alike.setdefault((fault.kind, fault.part, fault.allowed), []).append(fault)
     kinds = list[str]()
-    for names_at_most in (len(faults), 20, 10, 5, 2, 1):
-        kinds = [_of_one_kind(group, names_at_most) for group in alike.values()]
+    for names, lines in itertools.product((len(faults), 20, 10, 5, 2, 1), (len(faults), 1, 0)):
+        kinds = [_of_one_kind(group, names, lines) for group in alike.values()]
         text = "; ".join(kinds)
         if len(text) <= _LONGEST_TEXT:
             return text
-    ends = accumulate(len(kind) + len("; ") for kind in kinds)
+    ends = itertools.accumulate(len(kind) + len("; ") for kind in kinds)
     fit = max(1, sum(end <= _LONGEST_TEXT for end in ends))
     return f"{'; '.join(kinds[:fit])}; {len(kinds) - fit} more kinds of faults"
 
 
-def _of_one_kind(faults: list[Fault], names_at_most: int) -> str:
+def _of_one_kind(faults: list[Fault], names_at_most: int, lines_at_most: int) -> str:
     first, *others = faults
+    lines = [fault.line if number < lines_at_most else 0 for number, fault in enumerate(faults)]
+    also = [
+        repr(shortened(fault.name)) + (f" on {line}" if line else "")
+        for fault, line in zip(others[: names_at_most - 1], lines[1:], strict=False)
+    ]
+    left_out = len(others) - len(also)
+    also = [", ".join(also)] * bool(also) + [f"{left_out} more"] * bool(left_out)
+    told = [f"line {lines[0]}"] * bool(lines[0]) + [f"likewise {' and '.join(also)}"] * bool(also)
     text = f"{first.field} is {shortened(first.value)}: {first.allowed}"
-    if others:
-        names = ", ".join(repr(shortened(fault.name)) for fault in others[: names_at_most - 1])
-        left_out = len(others) - len(others[: names_at_most - 1])
-        more = f"{left_out} more" if left_out else ""
-        text += f" (likewise {' and '.join(part for part in (names, more) if part)})"
-    return text
+    return f"{text} ({'; '.join(told)})" if told else text

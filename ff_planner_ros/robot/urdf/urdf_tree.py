@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element
 
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
 
@@ -90,12 +89,12 @@ def _by_name(robot: Element, tag: str, faults: Faults) -> dict[str, Element]:
     for number, element in enumerate(robot.findall(tag), start=1):
         name = element.get("name")
         if not name:
-            faults.add(tag, "", f"number {number}", "nameless", "it must have a name")
+            faults.add(tag, "", f"number {number}", "nameless", "it must have a name", element)
         elif len(name) > _LONGEST_NAME:
             value = f"a name of {len(name)} characters"
-            faults.add(tag, name, "", value, f"it must have at most {_LONGEST_NAME}")
+            faults.add(tag, name, "", value, f"it must have at most {_LONGEST_NAME}", element)
         elif name in found:
-            faults.add(tag, name, "", "there twice", "names must be unique")
+            faults.add(tag, name, "", "there twice", "names must be unique", element)
         else:
             found[name] = element
     return found
@@ -130,39 +129,6 @@ def _from_the_root(links: dict[str, Element], above: dict[str, Element]) -> tupl
     for link in order:  # grows
         order.extend(carried[link])
     return tuple(order)
-
-
-def read_tags(text: str, tags: Collection[str]) -> Element:
-    """Return the `<robot>` of a text that `read_elements` accepts, with some of its elements.
-
-    Args:
-        tags: Of these elements; one in an element of another tag is left out with it.
-    """
-    builder, passed_over = TreeBuilder(), 0  # elements open, the innermost ones
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal passed_over
-        if passed_over or tag not in tags:
-            passed_over += 1
-        else:
-            builder.start(tag, attributes)
-
-    def end(tag: str) -> None:
-        nonlocal passed_over
-        if passed_over:
-            passed_over -= 1
-        else:
-            builder.end(tag)
-
-    def characters(data: str) -> None:
-        if not passed_over:
-            builder.data(data)
-
-    parser = expat.ParserCreate("utf-8")
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler = characters
-    parser.Parse(text, True)
-    return builder.close()
 
 
 def as_revolute(xml: str) -> tuple[str, list[str]]:

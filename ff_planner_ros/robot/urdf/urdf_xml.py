@@ -1,113 +1,200 @@
-"""The XML of a URDF, read safely from any text, and reduced to the elements that are used.
-
-What is not known and might change poses, inertias, solids or limits is refused, and so is a second
-one of what may be there once. A note names what else is not known.
-"""
+"""What is read of URDFs and SRDFs, element by element, and what the rest means for a plan."""
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
-from xml.etree.ElementTree import Element, SubElement
-from xml.parsers import expat
+from dataclasses import replace
+from types import MappingProxyType
+from xml.etree.ElementTree import Element
 
-from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.primitives import PRIMITIVES
-from ff_planner_ros.robot.urdf.urdf_faults import Faults, finite_numbers, listed, shortened
-
-# Twenty times the largest robots that ROS users share; such a text is read in a second.
-MAX_CHARACTERS = 4_000_000
+from ff_planner_ros.robot.urdf.sdf import robot_of
+from ff_planner_ros.robot.urdf.sdf_model import SDF
+from ff_planner_ros.robot.urdf.urdf_faults import Faults
+from ff_planner_ros.robot.urdf.xml_reader import MAX_CHARACTERS as MAX_CHARACTERS
+from ff_planner_ros.robot.urdf.xml_reader import Format, Formats, Tag, read_xml
 
 # A humanoid with both hands has two hundred. The time to build a model grows with the square.
 MAX_LINKS = 1000
 
 # Element of a recorded URDF: where a joint is locked that is a fixed one there.
 LOCKED = "locked"
-
-
-def _without_effect(*tags: str) -> dict[str, Any]:
-    """Return elements of the format, of simulators or of other readers that are passed over."""
-    return dict.fromkeys(tags)
-
-
 # Elements of an SRDF, also in a recorded URDF: pairs of links that may touch, links that may touch
 # any other, and pairs that may not nevertheless.
 DISABLE, DISABLE_ALL = "disable_collisions", "disable_default_collisions"
 ENABLE = "enable_collisions"
-_COLLISIONS: dict[str, Any] = {DISABLE: {}, DISABLE_ALL: {}, ENABLE: {}} | _without_effect(
-    *("end_effector", "group", "group_state", "joint_property", "link_sphere_approximation"),
-    *("gripper", "passive_joint", "rotor_params", "specificities", "virtual_joint"),
-)
 _MOST_DISABLED = 100_000  # a humanoid's SRDF has two thousand
-# Elements that are read, by their parents. Those of shapes are read apart: a missing mesh shall not
-# stop a plan.
-_INERTIAL: dict[str, Any] = {"origin": {}, "mass": {}, "inertia": {}}
-_LINK: dict[str, Any] = {"inertial": _INERTIAL} | _without_effect(
-    *("visual", "collision", "collision_checking", "contact", "contact_coefficients", "gazebo"),
-    *("gravity", "kinematic", "material", "self_collision_checking", "self_filter", "sensor"),
-    *("surface",),
+
+_LOOKS = "what only looks changes no plan"
+_SIMULATOR = "settings of a simulator or controller, which change no plan"
+_CONTACT = "bodies that may touch do not push each other in a plan"
+_READ_APART = "its shapes are read apart, see `link/collision`"
+
+
+def _of(reason: str, *names: str) -> dict[str, str]:
+    return dict.fromkeys(names, reason)
+
+
+_ORIGIN = Tag(("xyz", "rpy", "quat_xyzw"))
+_SHAPE = Tag(
+    parts={
+        "origin": _ORIGIN,
+        "geometry": Tag(
+            parts={
+                name: Tag(tuple(PRIMITIVES[name].sizes))
+                if name in PRIMITIVES
+                else Tag(("filename", "scale"))
+                for name in sorted((*PRIMITIVES, "mesh"))
+            }
+        ),
+    },
+    unread=_of(_LOOKS, "material", "laser_retro", "verbose")
+    | _of(_CONTACT, "compliant_contact", "contact", "contact_coefficients", "surface")
+    | _of(_SIMULATOR, "max_contacts"),
+    several=True,
 )
-_MOTION: dict[str, Any] = {"axis": {}, "limit": {}, "mimic": {}, LOCKED: {}}
-_JOINT: dict[str, Any] = {"origin": {}, "parent": {}, "child": {}, **_MOTION} | _without_effect(
-    *("actuator", "calibration", "dynamics", "gazebo", "hardware", "safety_controller", "sensor"),
-    *("transmission",),
+_SHAPES = {"visual": replace(_SHAPE, is_told=False), "collision": replace(_SHAPE, is_told=True)}
+_INERTIAL = Tag(
+    parts={
+        "origin": _ORIGIN,
+        "mass": Tag(("value",)),
+        "inertia": Tag(("ixx", "iyy", "izz", "ixy", "ixz", "iyz")),
+    }
 )
-_PARTS: dict[str, Any] = {"link": _LINK, "joint": _JOINT} | _without_effect(
-    *("gazebo", "material", "ros2_control", "sensor", "transmission"),
-    *(DISABLE, DISABLE_ALL, ENABLE),
+_LINK = Tag(
+    ("name",),
+    {"inertial": _INERTIAL},
+    _of(_READ_APART, *_SHAPES)
+    | _of(_CONTACT, "contact", "contact_coefficients", "surface")
+    | _of(_LOOKS, "material", "sensor")
+    | _of(_SIMULATOR, "collision_checking", "gazebo", "gravity", "kinematic")
+    | _of("links that may touch are told by an SRDF", "self_collision_checking", "self_filter"),
+    several=True,
 )
-# The same for the shapes of links; a link may have several of these.
-_GEOMETRY: dict[str, Any] = {name: {} for name in sorted((*PRIMITIVES, "mesh"))}
-_SHAPE: dict[str, Any] = {"origin": {}, "geometry": _GEOMETRY} | _without_effect(
-    *("compliant_contact", "contact", "contact_coefficients", "laser_retro", "material"),
-    *("max_contacts", "surface", "verbose"),
+_NOT_KEPT = "not kept by plans; `limits.acceleration` is"
+_LIMIT = Tag(
+    ("lower", "upper", "velocity", "effort"),
+    noted=_of(
+        _NOT_KEPT,
+        *("@acceleration", "@deceleration", "@jerk", "@command_effort", "@current"),
+        "@gear_velocity",
+    ),
 )
-_SHAPES: dict[str, Any] = {"link": {"visual": _SHAPE, "collision": _SHAPE}}
-_REFUSED = "quat_xyzw"  # by what reads an origin
-_SEVERAL, _MOST_OF_THEM = tuple(_SHAPES["link"]), 10_000
-_ATTRIBUTES = {
-    "link": ("name",),
-    "joint": ("name", "type"),
-    "inertial": (),
-    "origin": ("xyz", "rpy", _REFUSED),
-    "mass": ("value",),
-    "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
-    "parent": ("link",),
-    "child": ("link",),
-    "axis": ("xyz",),
-    "limit": ("lower", "upper", "velocity", "effort"),
-    "mimic": ("joint", "multiplier", "offset"),
-    LOCKED: ("type", "position"),
-    "visual": (),
-    "collision": (),
-    "geometry": (),
-    **{name: tuple(one.sizes) for name, one in PRIMITIVES.items()},
-    "mesh": ("filename", "scale"),
-    DISABLE: ("link1", "link2", "reason"),
-    DISABLE_ALL: ("link",),
-    ENABLE: ("link1", "link2"),
+_STRICTER = "limits stricter than those of `<limit>` are not kept, which a note says"
+_RESISTS = "damping, friction and stiffness are not counted in torques, which a note says"
+_JOINT = Tag(
+    ("name", "type"),
+    {
+        "origin": _ORIGIN,
+        "parent": Tag(("link",)),
+        "child": Tag(("link",)),
+        "axis": Tag(("xyz",)),
+        "limit": _LIMIT,
+        "mimic": Tag(("joint", "multiplier", "offset")),
+        LOCKED: Tag(("type", "position")),
+    },
+    {"safety_controller": _STRICTER, "dynamics": _RESISTS}
+    | _of(_SIMULATOR, "actuator", "calibration", "gazebo", "hardware", "sensor", "transmission"),
+    several=True,
+)
+_TOUCHING = {
+    DISABLE: Tag(("link1", "link2", "reason"), several=True),
+    DISABLE_ALL: Tag(("link",), several=True),
+    ENABLE: Tag(("link1", "link2"), several=True),
 }
-# Of a <limit>: plans do not keep them.
-_OTHER_LIMITS = frozenset(
-    ("acceleration", "command_effort", "current", "deceleration", "gear_velocity", "jerk")
+_ROBOT = Tag(
+    ("name",),
+    {"link": _LINK, "joint": _JOINT},
+    {"ros2_control": _STRICTER}
+    | _of(_LOOKS, "material", "sensor")
+    | _of(_SIMULATOR, "gazebo", "transmission")
+    | _of("those of a recorded URDF are read like an SRDF's", *_TOUCHING),
+    is_told=True,
 )
-# What holds such an element is no mere extension.
 _OF_ROBOTS = frozenset(("link", "joint", "inertial", "collision", "child"))
-# Elements of xacro's that needed no prefix once.
-_XACRO, _OLD_XACRO = "xacro", frozenset(("include", "macro", "property"))
-_EXPAND = "run xacro first: xacro FILE > EXPANDED"
-_URDF = "robot.urdf"
-_MOST_FAULTS = 10_000
+_URDF = Format(
+    "robot",
+    _ROBOT,
+    2 * MAX_LINKS,
+    f"{MAX_LINKS} links and as many joints",
+    never_within=_OF_ROBOTS,
+    place="links and joints must be directly in <robot>",
+)
+# The same file once more, for what a missing mesh shall not stop a plan for.
+_SHAPES_OF_URDF = replace(
+    _URDF,
+    tag=Tag(("name",), {"link": Tag(("name",), _SHAPES, several=True)}, is_told=False),
+)
+_GROUPS = "groups, states and the base are told by parameters and the measured state"
+_SRDF = Format(
+    "robot",
+    Tag(
+        ("name",),
+        _TOUCHING,
+        _of(_GROUPS, "end_effector", "group", "group_state", "gripper", "virtual_joint")
+        | _of("joints that move are those from base to tip", "passive_joint")
+        | _of("a rotor's inertia is not counted", "rotor_params")
+        | _of(_SIMULATOR, "joint_property", "specificities")
+        | _of("shapes are the URDF's", "link_sphere_approximation"),
+        is_told=True,
+    ),
+    _MOST_DISABLED,
+    f"{_MOST_DISABLED} {DISABLE}",
+)
+# What a URDF says of joints beside the limits that plans keep.
+_PARAMETER = Tag(("name",), has_text=True, several=True)
+_SWITCH = Tag(("enable",), several=True)
+_OTHER_FACTS = Tag(
+    ("name",),
+    {
+        "joint": Tag(
+            ("name", "type"),
+            {
+                "limit": Tag(_LIMIT.attributes),
+                "safety_controller": Tag(("soft_lower_limit", "soft_upper_limit")),
+                "dynamics": Tag(("damping", "friction", "stiffness")),
+            },
+            several=True,
+        ),
+        "ros2_control": Tag(
+            parts={
+                "joint": Tag(
+                    ("name",),
+                    {
+                        "command_interface": Tag(
+                            ("name",), {"param": _PARAMETER, "limits": _SWITCH}, several=True
+                        ),
+                        "limits": _SWITCH,
+                    },
+                    several=True,
+                )
+            },
+            several=True,
+        ),
+    },
+    is_told=False,
+)
+_KNOWN = frozenset(
+    path.rpartition("/")[2]
+    for row in (_ROBOT, _SHAPES_OF_URDF.tag, _SRDF.tag)
+    for path, _ in row.within("robot")
+)
+_URDF, _SHAPES_OF_URDF, _SRDF = (
+    replace(one, known=_KNOWN) for one in (_URDF, _SHAPES_OF_URDF, _SRDF)
+)
 
 
 def read_elements(text: str, faults: Faults) -> Element:
-    """Return the `<robot>` with its links and joints, without shapes and simulator tags.
+    """Return the `<robot>` of a URDF or SDF with its links and joints, without shapes.
 
     Raises:
         InvalidInput: The text is no XML, another document, a xacro file, too large, or declares
-            entities, say.
+            entities, say; or it is an SDF with faults.
     """
-    _require_short(text)
-    return _read(text, _Reader(_PARTS, faults, "robot"))
+    robot = _read(text, _URDF, faults)
+    for link in robot.iterfind("link[collision]"):  # of an SDF
+        for collision in link.findall("collision"):
+            link.remove(collision)
+    return robot
 
 
 def read_shapes(text: str, faults: Faults | None = None) -> Element:
@@ -119,8 +206,12 @@ def read_shapes(text: str, faults: Faults | None = None) -> Element:
     Raises:
         InvalidInput: As for `read_elements`.
     """
-    _require_short(text)
-    return _read(text, _Reader(_SHAPES, Faults() if faults is None else faults, "collision"))
+    return _read(text, _SHAPES_OF_URDF, Faults() if faults is None else faults)
+
+
+def read_other_facts(text: str) -> Element:
+    """Return the `<robot>` of a text that `read_elements` accepts, with what no plan keeps."""
+    return _read(text, replace(_URDF, tag=_OTHER_FACTS, counted=0), Faults())
 
 
 def read_collisions(text: str, field: str, faults: Faults) -> Element:
@@ -132,209 +223,15 @@ def read_collisions(text: str, field: str, faults: Faults) -> Element:
     Raises:
         InvalidInput: As for `read_elements`; the error names `field`.
     """
-    told_in = "" if field == _URDF else "robot"
-    try:
-        _require_short(text)
-        return _read(text, _Reader(_COLLISIONS, faults, told_in, _MOST_DISABLED, field))
-    except InvalidInput as error:
-        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+    if field == _URDF.field:  # whose other elements are known
+        return _read(text, replace(_URDF, tag=replace(_SRDF.tag, is_told=False)), faults)
+    return _read(text, replace(_SRDF, field=field), faults, others={})
 
 
-class Expanded:
-    """What xacro has expanded: none of its elements, attributes or expressions is left."""
-
-    def __init__(self) -> None:
-        """Know xacro's usual prefix."""
-        self._prefixes = [f"{_XACRO}:"]
-
-    def require(self, tag: str, attributes: dict[str, str]) -> None:
-        """Refuse an element that is xacro's, or has attributes or expressions of xacro's.
-
-        Raises:
-            InvalidInput: It is one.
-        """
-        for name, value in attributes.items():
-            if name.startswith("xmlns:") and _XACRO in value:
-                self._prefixes.append(f"{name.removeprefix('xmlns:')}:")
-        prefixes = tuple(self._prefixes)
-        found = [f"<{tag}>"] if tag.startswith(prefixes) else []
-        for name, value in attributes.items():
-            if name.startswith(prefixes) or "${" in value or "$(" in value:
-                found.append(f"{name}={value!r}")
-        if found:
-            _refuse(f"with {shortened(found[0])}, which is not expanded", _EXPAND)
-
-
-def parser_for(reader: Any) -> expat.XMLParserType:
-    """Return a parser that calls `start`, `end` and `characters` of a reader."""
-    parser = expat.ParserCreate("utf-8")
-    parser.buffer_text = True
-    parser.StartElementHandler = reader.start
-    parser.EndElementHandler = reader.end
-    parser.CharacterDataHandler = reader.characters
-    parser.StartDoctypeDeclHandler = _refuse_declarations
-    return parser
-
-
-def _refuse_declarations(*declaration: Any) -> None:
-    # An entity, or an attribute's default, of a few bytes may stand for gigabytes.
-    if declaration[-1]:
-        _refuse("with declarations in its <!DOCTYPE>", "it must have none")
-
-
-def _require_short(text: str) -> None:
-    if len(text) > MAX_CHARACTERS:
-        _refuse(f"{len(text)} characters long", f"it must be at most {MAX_CHARACTERS}")
-
-
-def _read(text: str, reader: _Reader) -> Element:
-    try:
-        parser_for(reader).Parse(text, True)
-    except (expat.ExpatError, UnicodeEncodeError) as error:
-        _refuse("not XML", str(error)[:200])
-    return reader.robot
-
-
-class _Reader:
-    """Builds elements; those that are passed over may be nested to any depth."""
-
-    def __init__(
-        self,
-        parts: dict[str, Any],
-        faults: Faults,
-        told_in: str,
-        most: int = 2 * MAX_LINKS,
-        field: str = "",
-    ) -> None:
-        self.robot = Element("robot")
-        self._most = most  # elements of the robot
-        self._of_robot = parts
-        self._faults = faults
-        self._told_in = told_in  # element whose parts are told if they are not known
-        self._field = field  # of faults; empty: they are of a link or joint
-        self._several = dict.fromkeys(_SEVERAL, 0)  # so far
-        self._open: list[Element] = []
-        self._parts: list[dict[str, Any]] = []
-        self._passed_over = 0  # elements open, the innermost ones
-        self._unknown = ""  # the outermost of those, while nothing but a note is due
-        self._expanded = Expanded()
-
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        if self._passed_over:
-            self._expanded.require(tag, {})
-            self._passed_over += 1
-            if self._unknown and tag in _OF_ROBOTS and not self._field:
-                allowed = "links and joints must be directly in <robot>"
-                self._add(self._unknown, f"unknown, and holds <{tag}>", allowed)
-                self._unknown = ""
-            return
-        self._expanded.require(tag, attributes)
-        if not self._open:
-            if tag != "robot":
-                _refuse(f"a <{tag[:50]}>", "its outermost tag must be <robot>")
-            self.robot.set("name", attributes.get("name") or "robot")
-            self._enter(self.robot, self._of_robot)
-            return
-        parent, parts = self._open[-1], self._parts[-1].get(tag)
-        if parts is None or self._is_one_too_many(parent, tag):
-            self._passed_over = 1
-            if tag not in self._parts[-1]:
-                self._tell_unknown(parent, tag, attributes)
-            return
-        if parent is self.robot and len(parent) == self._most:
-            most = f"{MAX_LINKS} links and as many joints"
-            most = f"{self._most} {DISABLE}" if tag in _COLLISIONS else most
-            _refuse("too large", f"it must have at most {most}")
-        kept = {key: attributes[key] for key in _ATTRIBUTES[tag] if key in attributes}
-        self._enter(SubElement(parent, tag, kept), parts)
-        for name in attributes:
-            if name not in kept:
-                self._tell_unknown_attribute(name)
-
-    def end(self, _tag: str) -> None:
-        if self._passed_over:
-            self._passed_over -= 1
-            if not self._passed_over:
-                self._unknown = ""
-            return
-        element = self._open[-1]
-        if element.tag == "geometry" and len(element) > 1:
-            allowed = "it must hold one: another needs a <collision> of its own"
-            self._add("", f"{len(element)} shapes", allowed)
-        self._open.pop()
-        self._parts.pop()
-
-    def characters(self, data: str) -> None:
-        # Some formats write values as text: a URDF's readers do not see it.
-        if self._open and not self._passed_over and not self._parts[-1] and data.strip():
-            keys = listed(_ATTRIBUTES[self._open[-1].tag])
-            self._add("text", repr(shortened(data.strip())), f"it must be in attributes: {keys}")
-
-    def _enter(self, element: Element, parts: dict[str, Any]) -> None:
-        self._open.append(element)
-        self._parts.append(parts)
-
-    def _is_one_too_many(self, parent: Element, tag: str) -> bool:
-        """Tell whether an element is not read, as there are such ones already."""
-        if tag in _SEVERAL:
-            self._several[tag] += 1
-            return self._several[tag] > _MOST_OF_THEM
-        # Shapes are counted at the end of their <geometry>.
-        if parent is self.robot or parent.tag == "geometry" or parent.find(tag) is None:
-            return False
-        self._add(tag, "there twice", "it must be there once")
-        return True
-
-    def _tell_unknown(self, parent: Element, tag: str, attributes: dict[str, str]) -> None:
-        if parent is self.robot and tag in _OLD_XACRO:
-            _refuse(f"with <{tag}>, which is not expanded", _EXPAND)
-        if (parent is self.robot and tag not in _ATTRIBUTES) or (
-            ":" in tag and parent.tag != "geometry"
-        ):
-            self._unknown = f"<{shortened(tag)}>"
-            self._note(f"{self._unknown} in <{parent.tag}>")
-            return
-        places = (number for text in attributes.values() for number in finite_numbers(text))
-        if (parent.tag, tag) == ("link", "origin") and not any(places):
-            return  # as onshape-to-robot writes it
-        parts = self._parts[-1].items()
-        known = [part for part, inside in parts if inside is not None and part != LOCKED]
-        known += _SEVERAL if parent.tag == "link" else ()
-        allowed = f"it may hold {listed(known) or 'no elements'}"
-        self._add("", f"with an unknown <{shortened(tag)}>", allowed)
-
-    def _tell_unknown_attribute(self, name: str) -> None:
-        tag = self._open[-1].tag
-        if name.partition(":")[0] in ("xml", "xmlns", "name"):
-            return
-        # A link, say, has none that can be left out: what misses a misspelt one refuses it.
-        if ":" in name or self._parts[-1] or name in _OTHER_LIMITS:
-            self._note(f"{shortened(name)} of <{tag}>")
-        else:
-            known = (key for key in _ATTRIBUTES[tag] if key != _REFUSED)
-            allowed = f"it may have {listed(known)}"
-            self._add("", f"with an unknown {shortened(name)!r}", allowed)
-
-    def _is_told(self) -> bool:
-        return any(one.tag == self._told_in for one in self._open)
-
-    def _note(self, unread: str) -> None:
-        if self._is_told():
-            self._faults.unread[unread] = None
-
-    def _add(self, part: str, value: str, allowed: str) -> None:
-        """Add a fault of the innermost open element that is read, or of a part of it."""
-        if not self._is_told():
-            return
-        kind, name, (_, *inside) = self._field or _URDF, "", self._open
-        if inside and not self._field:
-            owner, *inside = inside
-            kind, name = owner.tag, owner.get("name", "")
-        words = [one.tag for one in inside]
-        self._faults.add(kind, name, " ".join(filter(None, (*words, part))), value, allowed)
-        if len(self._faults) >= _MOST_FAULTS:
-            self._faults.refuse_if_any()
-
-
-def _refuse(value: str, allowed: str) -> NoReturn:
-    raise InvalidInput(Status.BAD_ROBOT, _URDF, value, allowed)
+def _read(
+    text: str, form: Format, faults: Faults, others: Formats = MappingProxyType({"sdf": SDF})
+) -> Element:
+    read = read_xml(text, {form.root: form, **others}, faults)
+    robot = robot_of(read, faults) if read.tag == SDF.root else read
+    robot.set("name", robot.get("name") or "robot")
+    return robot
