@@ -12,7 +12,7 @@ import pytest
 from robots import CANADARM2_URDF, LEMUR_URDF, random_urdf
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.summary import robot_rows
+from ff_planner_ros.analysis.robot_page import robot_facts
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
@@ -87,8 +87,9 @@ def test_a_continuous_joint_needs_no_limit_and_has_none_then() -> None:
         assert robot.velocity_limits[:3].tolist() == [0.5, np.inf, 0.5]
         assert robot.effort_limits[:3].tolist() == [80.0, np.inf, 80.0]
         assert robot.upper_position_limits[1] == -robot.lower_position_limits[1] == 4.0 * np.pi
-    shown = dict(robot_rows(robot))
-    assert shown["  joint_2"].startswith("continuous, any velocity, any torque, moves")
+    joint = robot_facts(robot)["joints"][1]
+    assert joint["type"] == "continuous"
+    assert (joint["limits"]["velocity"], joint["limits"]["effort"]) == (None, None)
 
 
 def test_the_chaser_is_the_base_link_with_all_that_is_fixed_to_it() -> None:

@@ -21,7 +21,8 @@ from ff_planner_ros.analysis.drawing.panels import joint_angles, joint_rates, jo
 from ff_planner_ros.analysis.extremes import joint_extremes
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
-from ff_planner_ros.analysis.summary import plan_rows, robot_rows
+from ff_planner_ros.analysis.robot_page import robot_facts, robot_rows
+from ff_planner_ros.analysis.summary import plan_rows
 from ff_planner_ros.bag import read_plans
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core.velocity_map import velocity
@@ -387,13 +388,14 @@ def test_margins_of_a_rail_count_by_its_weight() -> None:
 def test_tables_figures_and_reports_tell_a_rail_in_its_units() -> None:
     task, plan = planned(FAMILIES[0])
     robot = task.problem.robot
-    rows = dict(robot_rows(robot))
+    facts = robot_facts(robot)
     # The rail carries all that moves where the chaser is the world.
     model = pin.buildModelFromXML(robot.urdf)
-    carried = pin.computeTotalMass(model)
-    told = f" -0.400 to  0.400 m,  0.100 m/s,    150 N, moves {carried:g} kg"
-    assert rows["  rail"] == told
-    assert rows[f"  {robot.joint_names[-1]}"].endswith(f"moves {model.inertias[-1].mass:g} kg")
+    rail, last = facts["joints"][0], facts["joints"][-1]
+    assert rail["moves"]["mass"] == pytest.approx(pin.computeTotalMass(model), rel=1e-12)
+    assert last["moves"]["mass"] == model.inertias[-1].mass
+    rows = dict(robot_rows({**facts, "joints": [rail]}))
+    assert rows["    limits"] == "-0.4 to 0.4 m, 0.1 m/s, 150 N"
     assert rows["joint path"] == "sliding by 1 m counts as 1 rad"
     told = dict(plan_rows(robot, plan, 0.1, "", chosen=False, limits=None))
     torque, force = told["peak joint torque"].split("; ")

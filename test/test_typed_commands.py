@@ -36,7 +36,7 @@ NOT_TYPED = {
 CI = re.compile(
     r".*(ff-planner (report|compare)|plan_in_python|rosbags-convert|objective attitude"
     r"|\$BAG --json|--npz|verify answer_bag|--geometry lines"
-    r"|--pareto|--draw|--srdf|--sensitivity|--parquet|--set|> my_planner|rs my_planner)"
+    r"|--pareto|--draw|--picture|--srdf|--sensitivity|--parquet|--set|> my_planner|rs my_planner)"
 )
 NIGHTLY = re.compile(
     r".*(ff-planner campaign|ff-planner-benchmark|--library|data_set|ten_thousand"

@@ -1,18 +1,14 @@
-"""A plan and a robot in words: what the command line prints of them."""
+"""A plan in words: what the command line prints of it."""
 
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Limits
-from ff_planner_ros.robot.collision.bodies import defining_numbers
-from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 
 # Of the metrics, what a user wants to know first.
@@ -146,68 +142,3 @@ def _limits(limits: Limits, plan: Plan) -> str:
             unit = declared_by_name(Limits)[name].unit
             kept.append(f"{name.replace('_', ' ')} {most:g} {unit}")
     return ", ".join(kept)
-
-
-def robot_rows(robot: Robot) -> list[tuple[str, str]]:
-    """Return name and value of a robot as the planner has read it: masses, limits, geometry."""
-    chaser = robot.model.inertias[1]
-    moments = np.linalg.eigvalsh(chaser.inertia)
-    rows = [
-        ("base link", f"{robot.base_link} (the chaser, with all that is fixed to it)"),
-        ("  mass", f"{chaser.mass:g} kg"),
-        ("  centre of mass", f"{_vector(robot.position_chaser_in_base)} m in the root link"),
-        ("  principal moments", f"{_vector(moments)} kg m2"),
-        ("tip link", f"{robot.tip_link} (the end effector)"),
-        ("  at zero angles", f"{_vector(_tip_at_zero(robot))} m in the chaser frame"),
-        ("joints", str(robot.joints)),
-    ]
-    for k, name in enumerate(robot.joint_names):
-        moved = sum(robot.model.inertias[joint].mass for joint in robot.model.subtrees[2 + k])
-        rows.append((f"  {name}", f"{_joint_limits(robot, k)}, moves {moved:g} kg"))
-    if robot.has_slides:
-        rows.append(("joint path", f"sliding by 1 m counts as {robot.slide_weight:g} rad"))
-    return [*rows, *_body_rows(robot)]
-
-
-def _joint_limits(robot: Robot, joint: int) -> str:
-    lower, upper = robot.lower_position_limits[joint], robot.upper_position_limits[joint]
-    rate, effort = robot.velocity_limits[joint], robot.effort_limits[joint]
-    free = "" if np.isfinite(rate) else "any velocity"
-    torque = f"{effort:6g} {robot.effort_unit(joint)}" if np.isfinite(effort) else "any torque"
-    if robot.slides(joint):
-        torque = torque.replace("torque", "force")
-        return f"{lower:7.3f} to {upper:6.3f} m, {free or f'{rate:6.3f} m/s'}, {torque}"
-    lower, upper, rate = np.rad2deg([lower, upper, rate])
-    turns = "continuous" if robot.continuous[joint] else f"{lower:7.1f} to {upper:6.1f} deg"
-    return f"{turns}, {free or f'{rate:6.1f} deg/s'}, {torque}"
-
-
-def _body_rows(robot: Robot) -> list[tuple[str, str]]:
-    """Return name and value of the collision geometry."""
-    if robot.geometry is Geometry.LINES:
-        return [("geometry", "lines: the arm's centre lines are kept clear of obstacles")]
-    rows = [("geometry", "shapes, as <collision> has them"), ("bodies", str(len(robot.bodies)))]
-    for body in robot.bodies:
-        kind, numbers, _ = defining_numbers(body)
-        size = (
-            f"hull of {len(numbers)} vertices, {_vector(np.ptp(numbers, axis=0))} m"
-            if kind == "convex"
-            else f"{kind}, {_vector(numbers)} m"
-        )
-        joint = robot.model.names[body.joint]
-        rows.append((f"  {body.name}", f"{size}, on {'the chaser' if body.joint == 1 else joint}"))
-    rows.append(("pairs", f"{len(robot.pairs)} that must not touch"))
-    links = [f"{pair.link1} - {pair.link2}: {pair.reason}" for pair in robot.may_touch]
-    return [*rows, ("may touch", str(len(links))), *(("", text) for text in links)]
-
-
-def _tip_at_zero(robot: Robot) -> Array:
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
-    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
-    position: Array = robot.rotation_chaser_to_base.T @ (tip - robot.position_chaser_in_base)
-    return position
-
-
-def _vector(values: Array) -> str:
-    return f"[{', '.join(f'{value:g}' for value in values)}]"

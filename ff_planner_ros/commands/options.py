@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 # its parser.
 Add: TypeAlias = Callable[..., ArgumentParser]
 
+_PICTURES = (".svg", ".png")
+
 
 def add_output(
     command: _ActionsContainer,
@@ -60,6 +62,14 @@ def require_file(option: str, path: Path) -> None:
             place.unlink()
     except (OSError, ValueError) as error:  # the latter: a character that no path can have
         raise _unwritable(option, path, getattr(error, "strerror", None) or error) from None
+
+
+def require_picture(option: str, path: Path) -> None:
+    """Refuse a path to which no file can be written, or that is none of a picture."""
+    require_file(option, path)
+    if path.suffix not in _PICTURES:
+        allowed = f"it must end in {' or '.join(_PICTURES)}"
+        raise InvalidInput(Status.UNSUPPORTED, option, path, allowed)
 
 
 def require_directory(option: str, path: Path) -> None:

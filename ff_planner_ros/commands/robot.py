@@ -9,8 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ff_planner_ros.commands import SCENARIOS, SOLVED
-from ff_planner_ros.commands.options import Add, add_output, refuse_given, require_file
-from ff_planner_ros.commands.printed import print_notes, print_table
+from ff_planner_ros.commands.options import (
+    Add,
+    add_output,
+    refuse_given,
+    require_file,
+    require_picture,
+)
+from ff_planner_ros.commands.printed import print_notes, print_table, write_json
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.collision.geometry import Geometry
 
@@ -22,6 +28,7 @@ if TYPE_CHECKING:
 _DAY = 86_400.0
 _PORTS = 65_535
 _PATIENCE = 10.0  # [s]
+_COLUMNS = 80  # of the page of a robot
 
 
 def add_robot(add: Add) -> None:
@@ -42,6 +49,9 @@ def add_robot(add: Add) -> None:
         choices=[one.value for one in Geometry],
         help="default: shapes where the arm has any <collision>",
     )
+    add_output(robot, "--json", "FILE", "write what it shows, in SI units", require_file)
+    picture_help = "draw it from three sides: links, joints with their axes, centre of mass, tip"
+    add_output(robot, "--picture", "FILE.svg|png", picture_help, require_picture)
     draw_help = "draw it, bodies and lines, as a page for a browser"
     add_output(robot, "--draw", "FILE.html", draw_help, require_file)
     srdf_help = (
@@ -53,20 +63,21 @@ def add_robot(add: Add) -> None:
 
 def show_robot(options: Namespace) -> int:
     """Print a robot as the planner reads it from a URDF; draw it and write an SRDF if asked."""
-    from ff_planner_ros.analysis.summary import robot_rows
-    from ff_planner_ros.parameters.robot import locked_joints_of
-    from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
+    from ff_planner_ros.analysis.plan_json import refusal_dictionary
+    from ff_planner_ros.analysis.robot_page import robot_facts, robot_rows
 
-    robot = robot_from_urdf_text(
-        read_urdf(options.urdf),
-        options.base_link,
-        options.tip_link,
-        held_at=locked_joints_of(options.locked_joints),
-        geometry=None if options.geometry is None else Geometry(options.geometry),
-        directory=options.urdf.resolve().parent,
-    )
-    print_notes(robot.notes)
-    print_table(robot_rows(robot))
+    try:
+        robot = _robot_of(options)
+    except FfPlannerError as error:
+        write_json(options.json, refusal_dictionary(error, 0.0))
+        raise
+    facts = robot_facts(robot)
+    print_table(list(robot_rows(facts)), _COLUMNS)
+    write_json(options.json, facts)
+    if options.picture is not None:
+        from ff_planner_ros.analysis.drawing.robot_picture import save_picture
+
+        save_picture(robot, options.picture)
     if options.draw is not None:
         from ff_planner_ros.analysis.drawing.robot_view import save_robot
 
@@ -75,6 +86,20 @@ def show_robot(options: Namespace) -> int:
     if options.srdf is not None:
         _write_srdf(options.srdf, robot)
     return SOLVED
+
+
+def _robot_of(options: Namespace) -> Robot:
+    from ff_planner_ros.parameters.robot import locked_joints_of
+    from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
+
+    return robot_from_urdf_text(
+        read_urdf(options.urdf),
+        options.base_link,
+        options.tip_link,
+        held_at=locked_joints_of(options.locked_joints),
+        geometry=None if options.geometry is None else Geometry(options.geometry),
+        directory=options.urdf.resolve().parent,
+    )
 
 
 def _write_srdf(file: Path, robot: Robot) -> None:

@@ -68,6 +68,12 @@ def joint_offsets(robot: Robot) -> Array:
     return np.array([placement.translation for placement in placements])
 
 
+def arm_reach(robot: Robot) -> float:
+    """Return the arm's length, stretched out: of all links from the first joint to the end [m]."""
+    lengths = sum(float(np.linalg.norm(offset)) for offset in joint_offsets(robot)[1:])
+    return lengths + float(robot.furthest_slides.sum())
+
+
 def rotation_base_to_inertial(q: Array) -> Array:
     """Return the rotation from base to inertial axes at each configuration. Shape (..., 3, 3)."""
     return rotation_from_quaternion(q[:, 3:7])

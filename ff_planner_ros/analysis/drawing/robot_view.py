@@ -11,16 +11,18 @@ import pinocchio as pin
 import plotly.graph_objects as go
 
 from ff_planner_ros.analysis.drawing.scene_layout import lay_out, save_page
-from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
+from ff_planner_ros.analysis.drawing.solids import (
+    drawn_posture,
+    part_colour,
+    robot_surface,
+    surface_at,
+)
 from ff_planner_ros.analysis.drawing.surroundings import axis_lines, xyz
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.shapes import link_shapes
 
-# The chaser's, and those of the links in turn.
-_CHASER = "#8c8c8c"
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 # Length of the end effector's axes beside the arm's.
 _AXIS_LENGTH = 0.1
 _EYE = {"x": -1.2, "y": -2.3, "z": 1.0}
@@ -38,8 +40,7 @@ def robot_figure(robot: Robot) -> go.Figure:
     The links that one joint carries share a colour and a legend entry. With geometry `lines` the
     surfaces are the shapes in the URDF, and only the centre lines are collision-checked.
     """
-    q = pin.neutral(robot.model)
-    q[7:] = np.clip(q[7:], robot.lower_position_limits, robot.upper_position_limits)
+    q = drawn_posture(robot)
     arm = arm_points(robot, q[None])[0]
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
@@ -70,7 +71,7 @@ def _parts(robot: Robot, q: Array) -> Iterator[go.Mesh3d]:
         yield go.Mesh3d(
             **xyz(corners[used]),
             **dict(zip("ijk", numbers.reshape(-1, 3).T, strict=True)),
-            color=_CHASER if joint == 1 else _COLOURS[joint % len(_COLOURS)],
+            color=part_colour(joint),
             opacity=0.6,
             flatshading=True,
             name=name,

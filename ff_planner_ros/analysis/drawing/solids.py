@@ -25,6 +25,10 @@ Triangles: TypeAlias = NDArray[np.intp]
 # Corners of a circle: of a link, many of which are drawn at many times.
 _AROUND_LINK = 12
 
+# The chaser's colour, and those of what the joints carry, in turn.
+_CHASER = "#8c8c8c"
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+
 
 @dataclass(frozen=True, eq=False)
 class RobotSurface:
@@ -104,10 +108,22 @@ def hull(solid: coal.Convex) -> tuple[Array, Triangles]:
     return corners, triangles
 
 
+def drawn_posture(robot: Robot) -> Array:
+    """Return the configuration that a robot alone is drawn in: at zero, or the nearest limits."""
+    q: Array = pin.neutral(robot.model)
+    q[7:] = np.clip(q[7:], robot.lower_position_limits, robot.upper_position_limits)
+    return q
+
+
+def part_colour(joint: int) -> str:
+    """Return the colour of what one of Pinocchio's joints carries; 1: the chaser."""
+    return _CHASER if joint == 1 else _COLOURS[joint % len(_COLOURS)]
+
+
 def robot_surface(robot: Robot) -> RobotSurface:
     """Return the surface of the robot's bodies, or else of its URDF's shapes; it may be empty."""
     corners, triangles, joints, count = [np.empty((0, 3))], [np.empty((0, 3), int)], [], 0
-    for (surface, faces), placement, joint in _solids(robot):
+    for (surface, faces), placement, joint in robot_solids(robot):
         corners.append(surface @ placement.rotation.T + placement.translation)
         triangles.append(faces + count)
         joints += [joint] * len(surface)
@@ -117,7 +133,7 @@ def robot_surface(robot: Robot) -> RobotSurface:
     )
 
 
-def _solids(robot: Robot) -> Iterator[tuple[tuple[Array, Triangles], pin.SE3, int]]:
+def robot_solids(robot: Robot) -> Iterator[tuple[tuple[Array, Triangles], pin.SE3, int]]:
     """Yield surfaces, their places in the joints that carry them, and these joints."""
     for body in robot.bodies:
         yield surface_of(body.solid), body.placement_in_joint, body.joint

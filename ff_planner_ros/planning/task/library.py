@@ -30,6 +30,7 @@ from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.task.digest import canonical
 from ff_planner_ros.planning.task.task import PlanningTask, as_it_begins
 from ff_planner_ros.robot.kept_with import kept_with_it
+from ff_planner_ros.robot.kinematics import arm_reach
 from ff_planner_ros.robot.model import Robot
 
 _DIGITS = 16  # of a kind
@@ -98,7 +99,7 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     do not count: a path that violates them is as good an initial guess as another.
     """
     _, problem = as_it_begins(task.problem, task.ahead, task.running)
-    target, reach = problem.target, _reach(problem.robot)
+    target, reach = problem.target, arm_reach(problem.robot)
     shared: list[Any] = [
         problem.objective,
         problem.parametrisation,
@@ -154,16 +155,6 @@ def _attitude(problem: PlanningProblem) -> Array:
         return free
     entries: Array = axes.ravel() / np.sqrt(2.0)
     return entries
-
-
-def _reach(robot: Robot) -> float:
-    """Return the length of the arm, stretched out: of all links from the base to the end [m]."""
-    model = robot.model
-    # The free-flyer is joint 1, the arm's first joint 2.
-    placements = [model.jointPlacements[2 + k] for k in range(1, robot.joints)]
-    placements.append(model.frames[robot.tip_frame_id].placement)
-    lengths = sum(float(np.linalg.norm(place.translation)) for place in placements)
-    return lengths + float(robot.furthest_slides.sum())
 
 
 def _variables(task: PlanningTask) -> Sequence[int]:
