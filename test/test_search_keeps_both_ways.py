@@ -218,8 +218,10 @@ def test_the_search_keeps_the_rotation_both_ways(sign: float, axis: int) -> None
         asked = replace(problem(), limits=Limits(chaser_rotation=limit))
         rows = rows_of(ChaserRotation(), asked, motion, sensitivity_of(nothing, nothing), MARGIN)
         assert rows is not None
-        assert rows.values.min() == pytest.approx(left, abs=1e-9)
-        assert len(rows.values) == count
+        kept = ChaserRotation().in_core(asked, POINTS, MARGIN)
+        for found in (rows, rows_of_motion(asked.robot, kept, motion)):
+            assert found.values.min() == pytest.approx(left, abs=1e-9)
+            assert len(found.values) == count
 
 
 def slack_of(required: Requirement, found: Made, **changes: object) -> float:
