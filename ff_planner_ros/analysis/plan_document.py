@@ -186,11 +186,10 @@ def _asked_in(answer: Any) -> dict[str, Any]:
     faults.refuse()
     if "obstacles" in asked:
         # It carries the hulls of its meshes, and names no files.
-        with Meshes(None) as meshes:
-            asked["obstacles"] = tuple(
-                with_mesh_read(one, f"obstacles[{index}]", meshes)
-                for index, one in enumerate(asked["obstacles"])
-            )
+        asked["obstacles"] = tuple(
+            with_mesh_read(one, f"obstacles[{index}]", Meshes(None))
+            for index, one in enumerate(asked["obstacles"])
+        )
     if {"obstacles", "target_body"} <= asked.keys():
         asked["obstacles"] += tuple(attached(asked["target_body"]))
     return asked

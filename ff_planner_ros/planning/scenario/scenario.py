@@ -192,10 +192,10 @@ def _read_meshes(read: dict[str, Any], place: str, directory: Path | None, fault
 
     def loaded(told: str, entries: Sequence[AnyShaped]) -> tuple[AnyShaped, ...]:
         found = list[AnyShaped]()
-        with Meshes(directory) as meshes:
-            for index, one in enumerate(entries):
-                with faults.gathered():
-                    found.append(with_mesh_read(one, f"{told}[{index}]", meshes))
+        meshes = Meshes(directory)
+        for index, one in enumerate(entries):
+            with faults.gathered():
+                found.append(with_mesh_read(one, f"{told}[{index}]", meshes))
         return tuple(found)
 
     if "obstacles" in read:

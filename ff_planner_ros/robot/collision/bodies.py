@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element
 
@@ -71,22 +72,35 @@ def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) 
         faults: Collects what is wrong with the elements.
     """
     found: list[Body] = []
+    for name, link, solid, place in solids_of(robot, meshes, faults):
+        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        found.append(_body(name, link, frame.parentJoint, solid, frame.placement * place))
+    return tuple(found)
+
+
+def solids_of(
+    robot: Element, meshes: Meshes, faults: Faults
+) -> Iterator[tuple[str, str, coal.CollisionGeometry, pin.SE3]]:
+    """Yield each sound solid: its name, its link, and its placement in the link.
+
+    Args:
+        robot: As of `bodies_of`. One with too many solids has none, and is a fault.
+        faults: Collects what is wrong with the elements.
+    """
     if (count := len(robot.findall("link/collision"))) > MAX_BODIES:
         told, allowed = f"there {count} times", f"it may be at most {MAX_BODIES} times"
         faults.add("<collision>", "", "", told, allowed)
-        return ()
+        return
     for link in robot.findall("link"):
         name = str(link.get("name"))
-        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
         for number, collision in enumerate(link.findall("collision"), start=1):
-            called = name if number == 1 else f"{name}#{number}"
-            if not faults.vectors("link", name, "collision origin", collision.find("origin")):
+            origin = collision.find("origin")
+            if not faults.vectors("link", name, "collision origin", origin):
                 continue
-            solid = collision_solid(name, collision, meshes, faults)
+            solid = _solid(name, collision, meshes, faults)
             if solid is not None:
-                place = frame.placement * placement(collision.find("origin"))
-                found.append(_body(called, name, frame.parentJoint, solid, place))
-    return tuple(found)
+                called = name if number == 1 else f"{name}#{number}"
+                yield called, name, solid, placement(origin)
 
 
 def defining_numbers(body: Body) -> tuple[str, Array, Array]:
@@ -103,7 +117,7 @@ def _body(name: str, link: str, joint: int, solid: coal.CollisionGeometry, place
     )
 
 
-def collision_solid(
+def _solid(
     link: str, collision: Element, meshes: Meshes, faults: Faults
 ) -> coal.CollisionGeometry | None:
     """Return the solid of a `<collision>` of a link; None: it is faulty, and `faults` says how."""

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, InvalidInputs, Status
-from ff_planner_ros.robot.collision.bodies import MAX_BODIES, collision_solid
+from ff_planner_ros.robot.collision.bodies import solids_of
 from ff_planner_ros.robot.collision.solids import Solid, solid_of
 from ff_planner_ros.robot.urdf.locked_joints import (
     NOTHING_HELD,
@@ -101,29 +101,16 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
         allowed = "it must have a mass: positions are from its centre"
         raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", f"of {weight.mass:g} kg", allowed)
     solids = list[PlacedSolid]()
-    shapes = read_shapes(text, faults)
-    if (count := len(shapes.findall("link/collision"))) > MAX_BODIES:
-        told, allowed = f"there {count} times", f"it may be at most {MAX_BODIES} times"
-        raise InvalidInput(Status.BAD_ROBOT, "<collision>", told, allowed)
-    center = pin.SE3(np.eye(3), -weight.center)
-    with Meshes(directory) as meshes:
-        for link in shapes.findall("link"):
-            name = str(link.get("name"))
-            for number, collision in enumerate(link.findall("collision"), start=1):
-                if not faults.vectors("link", name, "collision origin", collision.find("origin")):
-                    continue
-                geometry = collision_solid(name, collision, meshes, faults)
-                if geometry is not None:
-                    called = name if number == 1 else f"{name}#{number}"
-                    place = center * places[name] * placement(collision.find("origin"))
-                    solids.append(PlacedSolid(called, solid_of(geometry), place))
+    center, meshes = pin.SE3(np.eye(3), -weight.center), Meshes(directory)
+    for name, link, geometry, place in solids_of(read_shapes(text, faults), meshes, faults):
+        solids.append(PlacedSolid(name, solid_of(geometry), center * places[link] * place))
     faults.refuse_if_any()
     reaches = [
         np.linalg.norm(one.place.act(one.solid.center)) + one.solid.radius for one in solids
     ] or [np.linalg.norm((center * place).translation) for place in places.values()]
     if size := 2.0 * float(max(reaches)):
         notes += [note for link in tree.links.values() for note in too_wide(link, size)]
-    notes = [*faults.notes, *notes]
+    notes = [*faults.notes, *meshes.notes, *notes]
     return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass), tuple(notes))
 
 

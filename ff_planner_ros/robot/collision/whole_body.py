@@ -71,8 +71,8 @@ def whole_body(
             notes.append("robot.srdf is not read: robot.geometry is lines")
         return WholeBody(Geometry.LINES, (), (), (), drawn, tuple(notes))
     robot = ElementTree.fromstring(checked)
-    with Meshes(directory) as meshes:
-        bodies = bodies_of(solids, model, meshes, faults)
+    meshes = Meshes(directory)
+    bodies = bodies_of(solids, model, meshes, faults)
     links = [str(link.get("name")) for link in robot.findall("link")]
     name, told, enabled = read_srdf(text, links, faults, "robot.urdf")
     other = name

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import binascii
+from collections.abc import Callable
 from pathlib import Path
-from typing import Self
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
@@ -15,13 +15,12 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.share import PACKAGE_SCHEME, package_directory
 from ff_planner_ros.common.text_file import not_a_file
-from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_solid
-from ff_planner_ros.robot.urdf.mesh_process import Hull, MeshProcess
+from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_solid, once
+from ff_planner_ros.robot.urdf.mesh_files import MAX_FILE, MAX_FILES, obj_vertices, stl_vertices
+from ff_planner_ros.robot.urdf.mesh_scenes import collada_vertices, gltf_vertices
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, shortened
 
-# Largest file, a binary STL of a million triangles (two seconds), and all of a robot [bytes].
-MAX_FILE, MAX_FILES = 50_000_100, 200_000_000
-_SUFFIXES = (".stl", ".obj", ".dae")
+_SUFFIXES = (".stl", ".obj", ".dae", ".glb", ".gltf")
 # How a recorded URDF carries a hull: x, y, z of each vertex, before `scale`, little-endian.
 EMBEDDED = "data:application/x-float32-points;base64,"
 _FILE_SCHEME = "file://"
@@ -29,22 +28,14 @@ _LINES_NEED_NONE = "with robot.geometry lines no mesh is read"
 
 
 class Meshes:
-    """Context manager that reads the meshes of one robot in a process of its own."""
+    """Reads the meshes of one robot, each file once."""
 
     def __init__(self, directory: Path | None) -> None:
         """Take the directory of the URDF; None: it is from elsewhere, and no file is read."""
-        self.notes: list[str] = []  # on simplified hulls and units
+        self.notes: list[str] = []  # on simplified hulls, units and axes
         self._directory = directory
-        self._sizes: dict[Path, int] = {}  # of the files that were read [bytes]
-        self._reader = MeshProcess()
-
-    def __enter__(self) -> Self:
-        """Begin to read."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End the process that reads."""
-        self._reader.close()
+        self._vertices: dict[Path, Array] = {}  # by file [m]
+        self._bytes = 0  # of the files that were read
 
     def hull(self, link: str, collision: Element, faults: Faults) -> coal.Convex | None:
         """Return the convex hull of a `<mesh>`, and embed it in the element; None: it is faulty."""
@@ -74,37 +65,77 @@ class Meshes:
             ValueError: A `NoSolid`: the mesh has no hull, or cannot be read within the limits.
         """
         try:
-            if name.startswith(EMBEDDED):
-                given = _decoded(name)
-                told = Hull(given, 0.0, len(given), 1.0)
-            else:
-                told = self._of_file(name, scale)
-            # The corners of a file's hull are their own hull's, to the last bit.
-            points, hull, growth = convex_solid(told.corners, scale)
+            given = _decoded(name) if name.startswith(EMBEDDED) else self._of_file(name)
+            points, hull, growth = convex_solid(given, scale)
         except NoSolid:
             raise
         except (RuntimeError, ValueError, OSError):  # of Coal, or of a path that no file can have
             raise NoSolid("it cannot be read") from None
-        growth = max(growth, told.growth)
+        except MemoryError:
+            raise NoSolid("there is too little memory to read it") from None
         if growth > 0.0:
             file = "embedded" if name.startswith("data:") else shortened(Path(name).name)
             self.notes.append(
                 f"mesh {file}: its hull is simplified, at most {growth:.2g} of its width larger, "
-                f"from a mesh of {told.vertices} vertices to a hull of {len(points)}"
+                f"from a mesh of {len(given)} vertices to a hull of {len(points)}"
             )
         return points, hull
 
-    def _of_file(self, name: str, scale: Array) -> Hull:
-        """Return the hull of the mesh in a file, before `scale`."""
+    def _of_file(self, name: str) -> Array:
+        """Return the vertices of the mesh in a file, before `scale`."""
         path = _path(name, self._directory)
-        again = path in self._sizes
-        self._sizes[path] = _size(path)
-        if sum(self._sizes.values()) > MAX_FILES:
+        if path not in self._vertices:
+            self._vertices[path], notes = vertices_of(path, self._content)
+            self.notes += [f"mesh {shortened(path.name)}: {note}" for note in notes]
+        return self._vertices[path]
+
+    def _content(self, path: Path) -> bytes:
+        self._bytes += _size(path)
+        if self._bytes > MAX_FILES:
             raise NoSolid(f"all files together have more than {MAX_FILES} bytes")
-        hull = self._reader.read(path, scale.tolist())
-        if hull.unit != 1.0 and not again:
-            self.notes.append(f"mesh {shortened(path.name)}: its lengths are in {hull.unit:g} m")
-        return hull
+        with path.open("rb") as file:
+            return file.read(MAX_FILE)
+
+
+def vertices_of(path: Path, read: Callable[[Path], bytes]) -> tuple[Array, list[str]]:
+    """Return the vertices of a file in the axes of its link [m], and notes on units and axes.
+
+    Vertices are rounded to single precision, as in a recorded URDF.
+
+    Args:
+        path: Its suffix says the format.
+        read: Returns the content of a file, which may be one that this one needs.
+
+    Raises:
+        ValueError: A `NoSolid`: the file holds no mesh, or cannot be read within the limits.
+    """
+    notes, kind, data = list[str](), path.suffix.lower(), read(path)
+    try:
+        with np.errstate(all="ignore"):  # numbers too large are refused as vertices too far away
+            if kind == ".stl":
+                points = stl_vertices(data)
+            elif kind == ".obj":
+                points = obj_vertices(data)
+            elif kind == ".dae":
+                points = collada_vertices(data, notes)
+            else:
+                points = gltf_vertices(data, lambda name: read(_beside(path, name)))
+            points = once(points.astype(np.float32).astype(float))
+    except NoSolid:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError):
+        raise NoSolid("it cannot be read: it is damaged, or no such file") from None
+    if not len(points):
+        raise NoSolid("it cannot be read: there is no mesh in it")
+    return points, notes
+
+
+def _beside(path: Path, name: str) -> Path:
+    """Return the path of a file in a file's directory, or below."""
+    found = (path.parent / name).resolve()
+    if ":" in name or not found.is_relative_to(path.parent.resolve()):
+        raise NoSolid("it names a file that is not beside it")
+    return found
 
 
 def _scale(text: str | None) -> Array:

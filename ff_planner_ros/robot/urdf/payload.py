@@ -125,8 +125,8 @@ class Payload:
         Raises:
             InvalidInput: A mesh cannot be read, or has no hull.
         """
-        with Meshes(directory) as meshes:
-            return replace(self, shapes=tuple(_loaded(shape, meshes) for shape in self.shapes))
+        meshes = Meshes(directory)
+        return replace(self, shapes=tuple(_loaded(shape, meshes) for shape in self.shapes))
 
 
 def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -> Robot:

@@ -255,8 +255,7 @@ def _body_message(body: Obstacle | HeldShape) -> ObstacleMessage:
     message: ObstacleMessage = write_object(body, ObstacleMessage(), entry_of)
     shape = body.shape
     if isinstance(shape, MeshFile):
-        with Meshes(None) as meshes:
-            shape = shape.load(f"obstacles[{body.id}].shape.mesh", meshes)
+        shape = shape.load(f"obstacles[{body.id}].shape.mesh", Meshes(None))
     if shape.kind == MESH:
         corners = shape.corners.tolist()
         message.mesh = [Mesh(vertices=[Point(x=x, y=y, z=z) for x, y, z in corners])]
