@@ -71,16 +71,15 @@ def in_the_way(robot: Robot, motion: FollowedMotion, rng: np.random.Generator) -
 
 
 def passing(around: Array, end: float, rng: np.random.Generator) -> list[Obstacle]:
-    """A sphere and a rod that turns, which fly past a place between two points of a motion."""
-    found = []
-    for name, solid in (
-        ("flies", Solid("sphere", [0.1])),
-        ("turns", Solid("box", [0.8, 0.1, 0.1])),
-    ):
-        velocity, rate = 2.0 * rng.normal(size=3), 2.0 * rng.normal(size=3)
-        place = around - rng.uniform(0.1, 0.9) * end * velocity
-        found.append(Obstacle(name, solid, RigidMotion(place, [0, 0, 0, 1], velocity, rate)))
-    return found
+    """A sphere that flies past a place between two points, and a rod that turns where it is."""
+    velocity, upright = 2.0 * rng.normal(size=3), [0.0, 0.0, 0.0, 1.0]
+    place = around - rng.uniform(0.1, 0.9) * end * velocity
+    ball, rod = Solid("sphere", np.array([0.1])), Solid("box", np.array([1.2, 0.1, 0.1]))
+    flying = RigidMotion(place, upright, velocity)
+    turning = RigidMotion(
+        around + 0.5 * rng.normal(size=3), upright, angular_velocity=2.0 * rng.normal(size=3)
+    )
+    return [Obstacle("flies", ball, flying), Obstacle("turns", rod, turning)]
 
 
 def off(check: Sequence[Least], search: Callable[[Indices], float]) -> Array:
