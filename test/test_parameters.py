@@ -29,6 +29,7 @@ OTHER = {
     "robot.base": "planar",
     "robot.locked_joints": "rail: 0.2",
     "robot.geometry": "lines",
+    "robot.inertia": "as_given",
     "limits.velocity": "none",
     "limits.effort": "none",
     "bag.max_size": 2_000_000,

@@ -16,6 +16,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import SLIDE_WEIGHTS, Base, Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
 from ff_planner_ros.robot.wheels import Wheels
 
 # Of robot.geometry: shapes if the arm has any, else lines.
@@ -96,6 +97,13 @@ class RobotParameters:
         (0.0, SLIDE_WEIGHTS[1]),
     )
 
+    inertia: str = tunable(
+        "possible",
+        "Inertias that no body has: possible (they are refused), as_given (they count as written, "
+        "if their moments are positive), or nearest_possible (the nearest one that a body has)",
+        words=InertiaChoice,
+    )
+
     FACTS = ("urdf", "base_link", "tip_link", "base")
     __repr__ = in_a_line
 
@@ -128,6 +136,7 @@ class RobotParameters:
             directory,
             self.wheels.wheels() if self.base == Base.ATTITUDE_HELD else None,
             self.slide_weight,
+            InertiaChoice(self.inertia),
         )
 
 

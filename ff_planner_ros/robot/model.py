@@ -26,7 +26,7 @@ from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD, LockedJoint, w
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NO_VELOCITY_LIMIT, checked_urdf
 from ff_planner_ros.robot.urdf.urdf_tree import as_revolute
-from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, InertiaChoice
 from ff_planner_ros.robot.wheels import Wheels
 
 if TYPE_CHECKING:
@@ -159,6 +159,7 @@ def load_robot(
     srdf: AnyPath | None = None,
     wheels: Wheels | None = None,
     slide_weight: float = SLIDE_WEIGHT,
+    inertia: InertiaChoice = InertiaChoice.POSSIBLE,
 ) -> Robot:
     """Load a robot from a URDF file.
 
@@ -178,10 +179,13 @@ def load_robot(
     if wheels is not None:
         an_object("robot.wheels", wheels, Wheels)
     weight = a_number().checked("robot.slide_weight", slide_weight)
+    choice = a_word(InertiaChoice).checked("robot.inertia", inertia)
     pairs = None if srdf is None else read_urdf(path_of("robot.srdf", srdf), "robot.srdf")
     file = path_of(_ROBOT, urdf)
     text, place = read_urdf(file), file.resolve().parent
-    return robot_from_urdf_text(text, *links, base, held_at, geometry, pairs, place, wheels, weight)
+    return robot_from_urdf_text(
+        text, *links, base, held_at, geometry, pairs, place, wheels, weight, choice
+    )
 
 
 def read_urdf(urdf: Path, field: str = _ROBOT) -> str:
@@ -207,6 +211,7 @@ def robot_from_urdf_text(
     directory: Path | None = None,
     wheels: Wheels | None = None,
     slide_weight: float = SLIDE_WEIGHT,
+    inertia: InertiaChoice = InertiaChoice.POSSIBLE,
 ) -> Robot:
     """Build a robot from a URDF.
 
@@ -225,6 +230,7 @@ def robot_from_urdf_text(
         wheels: Wheels that hold the chaser's attitude. None: on a base that is held, one along each
             of its axes, without limits.
         slide_weight: Weight of prismatic joints in the joint path [rad/m]; 0: they are locked.
+        inertia: What happens to inertias that no body has; a recorded URDF says it itself.
 
     Raises:
         InvalidInput: The text is no URDF of such a robot, an inertia is impossible, an arm on a
@@ -235,7 +241,7 @@ def robot_from_urdf_text(
     if slide_weight and not SLIDE_WEIGHTS[0] <= slide_weight <= SLIDE_WEIGHTS[1]:
         allowed = f"it must be 0, or from {SLIDE_WEIGHTS[0]:g} to {SLIDE_WEIGHTS[1]:g} rad/m"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.slide_weight", slide_weight, allowed)
-    checked = checked_urdf(text, base_link, tip_link, held_at, holds_slides=not slide_weight)
+    checked = checked_urdf(text, base_link, tip_link, held_at, not slide_weight, inertia)
     urdf, endless = as_revolute(checked.xml)
     try:
         model = _pinocchio_model(urdf)

@@ -16,7 +16,7 @@ from ff_planner_ros.common.declared import (
     schema_of,
 )
 from ff_planner_ros.common.declared_parts import part
-from ff_planner_ros.common.forms import TEXT, Form, Schema, by_name
+from ff_planner_ros.common.forms import INERTIA, TEXT, Form, Schema, a_word, by_name
 from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.errors import Faults
@@ -25,12 +25,36 @@ from ff_planner_ros.robot.collision.urdf_body import LOCKED_JOINTS, urdf_body
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD
+from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
 
 _KEY = "urdf"
 _WITHOUT = part(TargetBody)
+_CHOICE = a_word(InertiaChoice)
+
+
+def _inertia(field: str, value: object) -> object:
+    return (_CHOICE if isinstance(value, str) else INERTIA).read(field, value)
+
+
+def _checked_inertia(field: str, value: object) -> object:
+    return (_CHOICE if isinstance(value, str) else INERTIA).checked(field, value)
+
+
+_INERTIA = replace(
+    INERTIA,
+    read=_inertia,
+    schema=lambda: {"anyOf": [INERTIA.schema(), _CHOICE.schema()]},
+    checked=_checked_inertia,
+)
 _OF_URDF: DeclaredFields = {
     **declared(TargetBody),
-    "inertia": replace(declared(TargetBody)["inertia"], optional=True),
+    "inertia": replace(
+        declared(TargetBody)["inertia"],
+        form=_INERTIA,
+        sentence=f"{declared(TargetBody)['inertia'].sentence}; or, of a urdf, as robot.inertia: "
+        f"{', '.join(InertiaChoice)}",
+        optional=True,
+    ),
     _KEY: DeclaredField(
         TEXT,
         "path of a URDF or SDF of the body, relative to this file, or package://: its shapes move "
@@ -54,6 +78,7 @@ def with_urdf(
     told: str,
     directory: Path | None = None,
     locked_joints: Mapping[str, float] = NOTHING_HELD,
+    inertia: InertiaChoice = InertiaChoice.POSSIBLE,
 ) -> dict[str, Any]:
     """Return the fields of a target body, completed by its URDF.
 
@@ -66,11 +91,12 @@ def with_urdf(
         told: Name of the URDF in errors.
         directory: Directory that its meshes are relative to; None: no file may be read.
         locked_joints: Positions of its joints [rad, m].
+        inertia: What happens to inertias of its links that no body has.
 
     Raises:
         InvalidInput: The text is no URDF of a body.
     """
-    body = urdf_body(text, told, directory, locked_joints)
+    body = urdf_body(text, told, directory, locked_joints, inertia)
     fixed = [
         AttachedObstacle(
             one.name,
@@ -92,6 +118,7 @@ class BodyFile:
     given: Mapping[str, Any]  # fields of the body
     urdf: str
     locked_joints: Mapping[str, float]  # positions [rad, m]
+    inertia: InertiaChoice
 
     def load(self, directory: Path | None) -> TargetBody:
         """Read the URDF, whose path may be relative to a directory, and return the body.
@@ -102,7 +129,7 @@ class BodyFile:
         told = f"target_body.{_KEY}"
         path = resolve_uri(self.urdf, directory, told)
         text = read_urdf(path, told)
-        at = path.resolve().parent, self.locked_joints
+        at = path.resolve().parent, self.locked_joints, self.inertia
         return TargetBody(**with_urdf(self.given, text, told, *at))
 
 
@@ -114,8 +141,14 @@ def _read(field: str, value: object) -> TargetBody | BodyFile:
     if LOCKED_JOINTS in read and _KEY not in read:
         faults.add(f"{field}.{LOCKED_JOINTS}", "given", f"without a {_KEY} there are no joints")
     faults.refuse()
+    choice = InertiaChoice.POSSIBLE
+    if isinstance(read.get("inertia"), InertiaChoice):
+        choice = read.pop("inertia")
+        if _KEY not in read:
+            faults.add(f"{field}.inertia", choice, f"without a {_KEY} it must be numbers")
+            faults.refuse()
     given, held = fields_of(TargetBody, read), read.get(LOCKED_JOINTS, NOTHING_HELD)
-    return BodyFile(given, read[_KEY], held) if _KEY in read else TargetBody(**given)
+    return BodyFile(given, read[_KEY], held, choice) if _KEY in read else TargetBody(**given)
 
 
 def _schema() -> Schema:

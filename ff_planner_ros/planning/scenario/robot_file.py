@@ -21,6 +21,7 @@ from ff_planner_ros.robot.model import (
     robot_from_urdf_text,
 )
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
+from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,14 @@ class RobotFile:
         default=None,
     )
 
+    inertia: InertiaChoice | None = declare(
+        a_word(InertiaChoice),
+        "inertias that no body has: possible: they are refused; as_given: they count as written, "
+        "if their moments are positive; nearest_possible: the nearest one that a body has counts, "
+        "with a note; default: possible",
+        default=None,
+    )
+
     def load(self, directory: Path | None) -> Robot:
         """Load the robot from its files, whose paths may be relative to a directory.
 
@@ -101,6 +110,7 @@ class RobotFile:
             place,
             None if self.wheels is None else self.wheels.wheels,
             SLIDE_WEIGHT if self.slide_weight is None else self.slide_weight,
+            self.inertia or InertiaChoice.POSSIBLE,
         )
         return (
             robot if self.payload is None else with_payload(robot, self.payload.loaded(directory))

@@ -24,10 +24,20 @@ from ff_planner_ros.robot.urdf.locked_joints import (
     without_mimicked,
 )
 from ff_planner_ros.robot.urdf.meshes import Meshes
-from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, joint_weight, placement, too_wide
+from ff_planner_ros.robot.urdf.urdf_bodies import (
+    SMALLEST,
+    joint_weight,
+    placement,
+    too_wide,
+)
 from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, listed
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, tree_of
-from ff_planner_ros.robot.urdf.urdf_xml import read_elements, read_shapes
+from ff_planner_ros.robot.urdf.urdf_xml import (
+    InertiaChoice,
+    inertia_choice,
+    read_elements,
+    read_shapes,
+)
 
 LOCKED_JOINTS = "locked_joints"  # key of their positions, beside that of the URDF
 
@@ -56,6 +66,7 @@ def urdf_body(
     told: str,
     directory: Path | None = None,
     locked_joints: Mapping[str, float] = NOTHING_HELD,
+    inertia: InertiaChoice = InertiaChoice.POSSIBLE,
 ) -> UrdfBody:
     """Return the rigid body that the links of a URDF form together.
 
@@ -65,13 +76,14 @@ def urdf_body(
             is read.
         locked_joints: Positions of its joints [rad, m]. Others are at zero, or at the limit nearest
             to zero.
+        inertia: What happens to inertias that no body has. `AS_GIVEN`: those of links count.
 
     Raises:
         InvalidInput: The text is no URDF, its links have no mass, a joint cannot be locked, or a
             solid cannot be read.
     """
     try:
-        body = _read(text, directory, locked_joints)
+        body = _read(text, directory, locked_joints, inertia)
     except InvalidInput as error:
         faults = [_of(told, one) for one in error.faults]
         raise (faults[0] if len(faults) == 1 else InvalidInputs(faults)) from None
@@ -87,7 +99,12 @@ def _of(told: str, error: InvalidInput) -> InvalidInput:
     return InvalidInput(Status.OUT_OF_RANGE, field, error.value, error.allowed)
 
 
-def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float]) -> UrdfBody:
+def _read(
+    text: str,
+    directory: Path | None,
+    locked_joints: Mapping[str, float],
+    inertia: InertiaChoice,
+) -> UrdfBody:
     faults = Faults()
     robot = read_elements(text, faults)
     tree = tree_of(robot, faults)
@@ -95,7 +112,8 @@ def _read(text: str, directory: Path | None, locked_joints: Mapping[str, float])
         allowed = f"all links must hang on one: {listed(tree.roots)} hang on none"
         faults.add("robot.urdf", "", "", "more than one body", allowed)
     places, notes = _places(tree, locked_joints, faults)
-    weight = joint_weight(tree, places, faults)
+    choice = inertia_choice(robot, inertia, faults)
+    weight = joint_weight(tree, places, faults, choice, notes)
     faults.refuse_if_any()
     if weight.mass < SMALLEST:
         allowed = "it must have a mass: positions are from its centre"

@@ -160,7 +160,8 @@ def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -
         allowed = fault.allowed.partition(" (line ")[0]  # of a text that nobody has seen
         raise InvalidInput(Status.OUT_OF_RANGE, f"{FIELD}.{told}", fault.value, allowed) from None
     note = f"link {payload.link} holds a payload of {payload.mass:g} kg"
-    return replace(held, notes=(*robot.notes, note), payload=payload)
+    changed = [one for one in held.notes if " inertia is of " in one and one not in robot.notes]
+    return replace(held, notes=(*robot.notes, note, *changed), payload=payload)
 
 
 @kept_with_it

@@ -21,7 +21,11 @@ from ff_planner_ros.robot.urdf.locked_joints import (
     told_position,
     without_mimicked,
 )
-from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, check_bodies, placement
+from ff_planner_ros.robot.urdf.urdf_bodies import (
+    SMALLEST,
+    check_bodies,
+    placement,
+)
 from ff_planner_ros.robot.urdf.urdf_faults import (
     LARGEST,
     LONGEST_NOTE,
@@ -31,7 +35,13 @@ from ff_planner_ros.robot.urdf.urdf_faults import (
     shortened,
 )
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
-from ff_planner_ros.robot.urdf.urdf_xml import LOCKED, read_elements, read_other_facts
+from ff_planner_ros.robot.urdf.urdf_xml import (
+    LOCKED,
+    InertiaChoice,
+    inertia_choice,
+    read_elements,
+    read_other_facts,
+)
 
 # The planner's bound of continuous joints, either way from the turn of the start [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi
@@ -58,6 +68,7 @@ def checked_urdf(
     tip_link: str | None = None,
     held_at: Mapping[str, float] = NOTHING_HELD,
     holds_slides: bool = False,
+    inertia: InertiaChoice = InertiaChoice.POSSIBLE,
 ) -> CheckedUrdf:
     """Check a URDF, and return it reduced to links and joints, with all but the arm's joints fixed.
 
@@ -69,6 +80,7 @@ def checked_urdf(
         tip_link: None: the only link that moves and carries no other.
         held_at: Positions of joints that are locked [rad, m]; they may be in the arm.
         holds_slides: Prismatic joints of the arm are locked, too.
+        inertia: What happens to impossible inertias; `POSSIBLE`: what a recorded URDF says.
 
     Raises:
         InvalidInput: No chain of movable joints leads from base link to tip link, an inertia is
@@ -100,7 +112,8 @@ def checked_urdf(
             if joint.get("type") not in locked_kinds and _name(joint) not in held_at
         ]
         notes += _check_joints(tree, moving, base_link or "", placements, held_at, locked, faults)
-    notes += check_bodies(tree, placements, base_link or "", faults)
+    choice = inertia_choice(robot, inertia, faults)
+    notes += check_bodies(tree, placements, base_link or "", faults, choice)
     faults.refuse_if_any()
     notes += _not_counted(moving, text)
     ElementTree.indent(robot)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection
 from typing import NamedTuple, TypeAlias
@@ -13,6 +14,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.urdf.urdf_faults import Faults
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of
+from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
 
 # Inertias are written with few digits: for a thin rod, where the triangle inequality holds
 # with equality, rounding must not count as a fault.
@@ -48,20 +50,27 @@ def placement(element: Element | None) -> pin.SE3:
 
 
 def check_bodies(
-    tree: Tree, placements: dict[str, pin.SE3 | None], base_link: str, faults: Faults
+    tree: Tree,
+    placements: dict[str, pin.SE3 | None],
+    base_link: str,
+    faults: Faults,
+    choice: InertiaChoice = InertiaChoice.POSSIBLE,
 ) -> list[str]:
     """Check mass and inertia of every body, and rewrite them so that every URDF reader takes them.
 
     The body as a whole counts: a link fixed to another may be a point mass without inertia, or have
     a small inertia that is impossible. If a body has such links, its first link gets the mass and
-    inertia of all. Returns notes on impossible inertias.
+    inertia of all. Returns notes on impossible inertias, and on what became of them.
 
     Args:
         placements: Placement of each link in the frame of the one that carries it; None: faulty.
     """
-    in_links = {name: _weight_of_link(name, link, faults) for name, link in tree.links.items()}
+    notes = list[str]()
+    in_links = {
+        name: _chosen(link, _weight_of_link(name, link, faults), choice, notes)
+        for name, link in tree.links.items()
+    }
     at_fault = _ends_of_faulty_joints(tree, base_link)
-    notes = []
     for body, places in _bodies(tree, placements).items():
         weights = {link: _placed(in_links[link], place) for link, place in places.items()}
         # Faulty links and additional roots are faults already.
@@ -69,18 +78,20 @@ def check_bodies(
         if len(members) < len(weights) or (len(tree.roots) > 1 and body in tree.roots):
             continue
         total = _sum(members.values())
+        if choice is InertiaChoice.NEAREST and (no_body := _no_body(total)):
+            total = _possible(body, total, no_body, notes)
         # What hangs together by a joint that is at fault may be one body when that is mended.
         hidden = total.mass < SMALLEST and at_fault & members.keys()
-        fault = None if hidden else _no_body(total)
+        fault = None if hidden else _no_body(total, choice)
         careless = {link: _no_link(weight) for link, weight in members.items()}
         for link, wrong in careless.items():
-            if wrong and (fault or link == body):
+            if wrong and (fault or (link == body and choice is not InertiaChoice.AS_GIVEN)):
                 faults.add("link", link, *wrong)
             elif wrong:
                 part, value, _ = wrong
                 notes.append(
-                    f"link {link!r} {part} is {value}, which no body has: it counts as written, "
-                    "as part of what it is fixed to"
+                    f"link {link!r} {part} is {value}, which no body has: it counts as written"
+                    + ("" if link == body else ", as part of what it is fixed to")
                 )
         if fault and not any(careless.values()):
             faults.add("link", base_link if base_link in members else body, *fault)
@@ -102,23 +113,38 @@ def _ends_of_faulty_joints(tree: Tree, base_link: str) -> set[str]:
     }
 
 
-def joint_weight(tree: Tree, places: dict[str, pin.SE3], faults: Faults) -> Weight:
+def joint_weight(
+    tree: Tree,
+    places: dict[str, pin.SE3],
+    faults: Faults,
+    choice: InertiaChoice,
+    notes: list[str],
+) -> Weight:
     """Return mass and inertia of all links together, in the root's frame.
 
-    Impossible inertias of links are faults.
+    Impossible inertias of links are faults, unless they are to count.
 
     Args:
         places: Placement of each link in the root's frame.
+        notes: Gets those on impossible inertias.
     """
     weights = list[Weight]()
     for name in tree.order:
-        weight = _placed(_weight_of_link(name, tree.links[name], faults), places[name])
+        link = tree.links[name]
+        weight = _chosen(link, _weight_of_link(name, link, faults), choice, notes)
+        weight = _placed(weight, places[name])
         wrong = None if weight is None else _no_link(weight)
-        if wrong:
+        if wrong and choice is InertiaChoice.AS_GIVEN:
+            notes.append(f"link {name!r} {wrong[0]} is {wrong[1]}, which no body has: it counts")
+        elif wrong:
             faults.add("link", name, *wrong)
-        elif weight is not None:
+            continue
+        if weight is not None:
             weights.append(weight)
-    return _sum(weights)
+    total = _sum(weights)
+    if choice is InertiaChoice.NEAREST and (no_body := _no_body(total)):
+        total = _possible(tree.order[0], total, no_body, notes)
+    return total
 
 
 def too_wide(link: Element, size: float) -> list[str]:
@@ -220,22 +246,76 @@ def _no_link(weight: Weight) -> Fault | None:
     return _impossible(weight, least=-TRIANGLE_TOLERANCE * np.abs(weight.inertia).max())
 
 
-def _no_body(weight: Weight) -> Fault | None:
-    """Return why a body that moves cannot have such an inertia."""
+def _no_body(weight: Weight, choice: InertiaChoice = InertiaChoice.POSSIBLE) -> Fault | None:
+    """Return why a body that moves cannot have such an inertia, or may not if it is as given."""
     if weight.mass < SMALLEST:
         allowed = "a link that moves must have mass, its own or of links fixed to it"
         return "mass", weight.mass, allowed
-    return _impossible(weight, least=SMALLEST)
+    wrong = _impossible(weight, least=SMALLEST)
+    # The equations of motion need no more than positive moments.
+    borne = choice is InertiaChoice.AS_GIVEN and np.linalg.eigvalsh(weight.inertia)[0] >= SMALLEST
+    return None if borne else wrong
 
 
 def _impossible(weight: Weight, least: float) -> Fault | None:
     smallest, middle, largest = np.linalg.eigvalsh(weight.inertia)
-    value = f"of principal moments {smallest:.6g}, {middle:.6g}, {largest:.6g}"
+    value = f"of principal moments {_moments(weight)}"
     if smallest < least:
         return "inertia", value, f"all three must be positive, at least {SMALLEST:g}"
     if largest > (smallest + middle) * (1.0 + TRIANGLE_TOLERANCE):
         return "inertia", value, "the largest must not exceed the sum of the others"
     return None
+
+
+def _moments(weight: Weight) -> str:
+    return ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(weight.inertia))
+
+
+def _chosen(
+    link: Element, weight: Weight | None, choice: InertiaChoice, notes: list[str]
+) -> Weight | None:
+    """Return the weight of a link, in its frame, that counts, and write it if it is another."""
+    wrong = None if weight is None or choice is not InertiaChoice.NEAREST else _no_link(weight)
+    if weight is None or wrong is None:
+        return weight
+    weight = _possible(link.get("name", ""), weight, wrong, notes)
+    _write_inertia(link, weight)
+    return weight
+
+
+def _possible(link: str, weight: Weight, wrong: Fault, notes: list[str]) -> Weight:
+    """Return a weight with the nearest inertia that a body has, and add a note."""
+    part, value, _ = wrong
+    if part != "inertia":
+        return weight  # nothing is nearest to a mass that is missing
+    found = weight._replace(inertia=nearest_possible(weight.inertia))
+    change = float(np.linalg.norm(found.inertia - weight.inertia))
+    notes.append(
+        f"link {link!r} inertia is {value}, which no body has: the nearest possible one counts, "
+        f"{_moments(found)}, which is {change:.3g} kg m2 away"
+    )
+    return found
+
+
+def nearest_possible(inertia: Array) -> Array:
+    """Return the inertia of a body that is nearest in the Frobenius norm. Shape (3, 3).
+
+    The second moments of a density are S = tr(I)/2 1 - I, which has the principal axes of I. No
+    body has negative ones; these are positive, so that the body turns about every axis. So the
+    principal moments are projected onto half of each sum of two less the third >= least.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    least = max(SMALLEST, SMALLEST * float(np.abs(moments).max()))
+    planes = 0.5 - np.eye(3)  # S = planes @ I, along the axes
+    candidates = []
+    for active in itertools.product((False, True), repeat=3):
+        rows = planes[list(active)]
+        candidates.append(moments + np.linalg.pinv(rows) @ (least - rows @ moments))
+    # The nearest candidate that fulfils all; rounding of the largest is far below the least
+    fit = [one for one in candidates if (planes @ one >= 0.5 * least).all()]
+    nearest = min(fit, key=lambda one: float(np.linalg.norm(one - moments)))
+    found: Array = axes @ np.diag(nearest) @ axes.T
+    return found / 2.0 + found.T / 2.0
 
 
 def _write_inertia(link: Element, weight: Weight | None) -> None:

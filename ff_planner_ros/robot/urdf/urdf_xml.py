@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import replace
 from types import MappingProxyType
 from xml.etree.ElementTree import Element
@@ -9,7 +10,7 @@ from xml.etree.ElementTree import Element
 from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.urdf.sdf import robot_of
 from ff_planner_ros.robot.urdf.sdf_model import SDF
-from ff_planner_ros.robot.urdf.urdf_faults import Faults
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
 from ff_planner_ros.robot.urdf.xml_reader import MAX_CHARACTERS as MAX_CHARACTERS
 from ff_planner_ros.robot.urdf.xml_reader import Format, Formats, Tag, read_xml
 
@@ -18,6 +19,7 @@ MAX_LINKS = 1000
 
 # Element of a recorded URDF: where a joint is locked that is a fixed one there.
 LOCKED = "locked"
+INERTIA = "inertia"  # attribute of a recorded URDF's `<robot>`
 # Elements of an SRDF, also in a recorded URDF: pairs of links that may touch, links that may touch
 # any other, and pairs that may not nevertheless.
 DISABLE, DISABLE_ALL = "disable_collisions", "disable_default_collisions"
@@ -102,7 +104,7 @@ _TOUCHING = {
     ENABLE: Tag(("link1", "link2"), several=True),
 }
 _ROBOT = Tag(
-    ("name",),
+    ("name", INERTIA),
     {"link": _LINK, "joint": _JOINT},
     {"ros2_control": _STRICTER}
     | _of(_LOOKS, "material", "sensor")
@@ -181,6 +183,30 @@ _KNOWN = frozenset(
 _URDF, _SHAPES_OF_URDF, _SRDF = (
     replace(one, known=_KNOWN) for one in (_URDF, _SHAPES_OF_URDF, _SRDF)
 )
+
+
+class InertiaChoice(enum.StrEnum):
+    """What happens to an inertia that no body has."""
+
+    POSSIBLE = "possible"  # it is refused
+    AS_GIVEN = "as_given"  # it counts as written: a body that moves needs positive moments alone
+    NEAREST = "nearest_possible"  # the nearest one that a body has counts instead
+
+
+def inertia_choice(robot: Element, given: InertiaChoice, faults: Faults) -> InertiaChoice:
+    """Return what happens to impossible inertias, and write it into a `<robot>` to be recorded.
+
+    Args:
+        given: `POSSIBLE`: what the `<robot>` says itself.
+    """
+    if given is InertiaChoice.POSSIBLE and (recorded := robot.get(INERTIA)) is not None:
+        if recorded in list(InertiaChoice):
+            return InertiaChoice(recorded)
+        allowed = f"it must be one of {listed(InertiaChoice)}"
+        faults.add("robot.urdf", "", INERTIA, repr(shortened(recorded)), allowed, robot)
+    elif given is not InertiaChoice.POSSIBLE:
+        robot.set(INERTIA, given)
+    return given
 
 
 def read_elements(text: str, faults: Faults) -> Element:
