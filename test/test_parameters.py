@@ -30,6 +30,7 @@ OTHER = {
     "robot.locked_joints": "rail: 0.2",
     "robot.geometry": "lines",
     "robot.inertia": "as_given",
+    "robot.xacro_arguments": "prefix:=left_",
     "limits.velocity": "none",
     "limits.effort": "none",
     "bag.max_size": 2_000_000,

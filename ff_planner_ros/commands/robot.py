@@ -39,6 +39,15 @@ def add_robot(add: Add) -> None:
         "show what the planner makes of a URDF",
     )
     robot.add_argument("urdf", type=Path, metavar="URDF")
+    xacro_help = "arguments of a URDF that ends in .xacro, as there: 'side:=left'"
+    robot.add_argument("--xacro-arguments", default="", metavar="NAME:=VALUE ..", help=xacro_help)
+    inertia_help = "inertias that no body has: refused by default (possible), or loaded"
+    robot.add_argument(
+        "--inertia",
+        choices=["possible", "as_given", "nearest_possible"],
+        default="possible",
+        help=inertia_help,
+    )
     robot.add_argument("--base-link", metavar="LINK", help="default: the root")
     tip_help = "default: the only link that moves and carries no other"
     robot.add_argument("--tip-link", metavar="LINK", help=tip_help)
@@ -89,16 +98,19 @@ def show_robot(options: Namespace) -> int:
 
 
 def _robot_of(options: Namespace) -> Robot:
-    from ff_planner_ros.parameters.robot import locked_joints_of
+    from ff_planner_ros.parameters.robot import locked_joints_of, xacro_arguments_of
     from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
+    from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
 
+    arguments = xacro_arguments_of(options.xacro_arguments)
     return robot_from_urdf_text(
-        read_urdf(options.urdf),
+        read_urdf(options.urdf, xacro_arguments=arguments),
         options.base_link,
         options.tip_link,
         held_at=locked_joints_of(options.locked_joints),
         geometry=None if options.geometry is None else Geometry(options.geometry),
         directory=options.urdf.resolve().parent,
+        inertia=InertiaChoice(options.inertia),
     )
 
 

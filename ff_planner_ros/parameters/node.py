@@ -71,8 +71,8 @@ class NodeParameters:
     )
     allow_remote_paths: bool = tunable(
         False,
-        "Whether robot.urdf, robot.srdf, bag.directory and planner.library may be set over ROS "
-        "while the node is unconfigured",
+        "Whether robot.urdf, robot.srdf, robot.xacro_arguments, bag.directory and planner.library "
+        "may be set over ROS while the node is unconfigured",
     )
     inertial_frame: str = tunable(
         "inertial", "frame_id that states, obstacles and targets must carry"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,7 +63,7 @@ class RobotParameters:
     """The robot to plan for.
 
     Raises:
-        InvalidInput: `locked_joints` is malformed.
+        InvalidInput: `locked_joints` or `xacro_arguments` is malformed.
     """
 
     wheels: WheelParameters
@@ -97,6 +98,11 @@ class RobotParameters:
         (0.0, SLIDE_WEIGHTS[1]),
     )
 
+    xacro_arguments: str = tunable(
+        "",
+        "Arguments for URDF and SRDF files that end in .xacro, which the command xacro expands, "
+        "as there: `prefix:=left_ gripper:=false`",
+    )
     inertia: str = tunable(
         "possible",
         "Inertias that no body has: possible (they are refused), as_given (they count as written, "
@@ -108,8 +114,17 @@ class RobotParameters:
     __repr__ = in_a_line
 
     def __post_init__(self) -> None:
-        """Check the list."""
+        """Check the lists."""
         locked_joints_of(self.locked_joints)
+        xacro_arguments_of(self.xacro_arguments)
+
+    def description(self, urdf: Path) -> str:
+        """Return the text of the URDF.
+
+        Raises:
+            InvalidInput: It cannot be read, or not expanded by xacro.
+        """
+        return read_urdf(urdf, xacro_arguments=xacro_arguments_of(self.xacro_arguments))
 
     def load(self, description: str, directory: Path | None = None) -> Robot:
         """Build the robot from the text of a URDF.
@@ -124,7 +139,8 @@ class RobotParameters:
         srdf = None
         if self.srdf and directory is not None:
             field = "robot.srdf"
-            srdf = read_urdf(resolve_uri(self.srdf, relative_to=Path.cwd(), field=field), field)
+            file = resolve_uri(self.srdf, relative_to=Path.cwd(), field=field)
+            srdf = read_urdf(file, field, xacro_arguments_of(self.xacro_arguments))
         return robot_from_urdf_text(
             description,
             self.base_link,
@@ -157,6 +173,22 @@ def locked_joints_of(text: str) -> dict[str, float]:
             allowed = "it must be names and numbers: `rail: 0.2, hand: -1.0`"
             raise InvalidInput(Status.OUT_OF_RANGE, field, text, allowed) from None
     return found
+
+
+def xacro_arguments_of(text: str) -> dict[str, str]:
+    """Return arguments of xacro by name, from a text as on its command line.
+
+    Raises:
+        InvalidInput: The text is malformed.
+    """
+    field, allowed = "robot.xacro_arguments", "it must be as in `prefix:=left_ gripper:=false`"
+    try:
+        words = [word.partition(":=") for word in shlex.split(text)]
+    except ValueError as error:
+        raise InvalidInput(Status.OUT_OF_RANGE, field, text, f"{allowed}: {error}") from None
+    if not all(name.isidentifier() and sign for name, sign, _ in words):
+        raise InvalidInput(Status.OUT_OF_RANGE, field, text, allowed)
+    return {name: value for name, _, value in words}
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,14 @@ from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.common.forms import a_number, a_word, by_name, or_none
 from ff_planner_ros.common.plain_values import an_object, any_text
 from ff_planner_ros.common.shown import in_a_line, shown
-from ff_planner_ros.common.text_file import AnyPath, path_of, read_text
+from ff_planner_ros.common.text_file import (
+    NO_ARGUMENTS,
+    XACRO,
+    AnyPath,
+    expanded_by_xacro,
+    path_of,
+    read_text,
+)
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
@@ -188,16 +195,23 @@ def load_robot(
     )
 
 
-def read_urdf(urdf: Path, field: str = _ROBOT) -> str:
-    """Return the text of a URDF, SDF or SRDF file.
+def read_urdf(
+    urdf: Path, field: str = _ROBOT, xacro_arguments: Mapping[str, str] = NO_ARGUMENTS
+) -> str:
+    """Return the text of a URDF, SDF or SRDF file; xacro expands one that ends in .xacro.
 
     Args:
         field: Field that names the file, for errors.
+        xacro_arguments: Values of its `<xacro:arg>` elements, by name.
 
     Raises:
-        InvalidInput: The file cannot be read.
+        InvalidInput: The file cannot be read or expanded.
     """
-    return read_text(urdf, MAX_CHARACTERS, field, Status.BAD_ROBOT)
+    text = read_text(urdf, MAX_CHARACTERS, field, Status.BAD_ROBOT)
+    if urdf.suffix != XACRO:
+        return text
+    bounds = MAX_CHARACTERS, xacro_arguments, field, Status.BAD_ROBOT
+    return expanded_by_xacro(urdf.resolve(), *bounds)
 
 
 def robot_from_urdf_text(

@@ -30,7 +30,11 @@ from ff_planner_ros.ros.qos import overridable
 _AT_START = ("autostart", "allow_remote_paths")
 # Of topics that rclpy makes itself, some of them later.
 _QOS_OF_ROS = ("qos_overrides./clock.", "qos_overrides./parameter_events.")
-_PATHS = ("robot.urdf", "robot.srdf", "bag.directory", "planner.library")
+# Arguments of xacro may name files, too.
+_PATHS = (
+    *("robot.urdf", "robot.srdf", "robot.xacro_arguments"),
+    *("bag.directory", "planner.library"),
+)
 _FIXED = "is fixed while the node is configured: lifecycle transitions deactivate and cleanup first"
 
 

@@ -18,7 +18,6 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.node import ANY_AGE, NodeParameters
 from ff_planner_ros.planning.scenario.library_file import load_library
-from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.robot.urdf.sdf import urdf_of
 from ff_planner_ros.ros.inputs.middleware import Middleware, namesakes
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
@@ -51,7 +50,7 @@ class Session:
         self._namesakes: list[str] = []
         self._clock = ClockWatch(node)
         urdf = resolve_uri(parameters.robot.urdf, relative_to=Path.cwd())
-        self._description = read_urdf(urdf)
+        self._description = parameters.robot.description(urdf)
         robot = parameters.robot.load(self._description, urdf.parent)
         self._robot, self._urdf = robot, urdf
         for note in robot.notes:

@@ -8,8 +8,11 @@ from pathlib import Path
 
 from ff_planner_ros.common.declared import declare
 from ff_planner_ros.common.declared_parts import part
-from ff_planner_ros.common.forms import TEXT, a_number, a_word, by_name
+from ff_planner_ros.common.forms import TEXT, Form, a_number, a_word, by_name
 from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.text_file import NO_ARGUMENTS
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.scenario.wheels_file import WheelsFile
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import (
@@ -22,6 +25,29 @@ from ff_planner_ros.robot.model import (
 )
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
+
+
+def _xacro_arguments(field: str, value: object) -> dict[str, str]:
+    """Return arguments of xacro as text, by name: `true`, `0.5` or `left_`."""
+    if not isinstance(value, Mapping):
+        allowed = "it must hold names and values"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
+    for name, given in value.items():
+        if not (isinstance(name, str) and isinstance(given, str | int | float)):
+            allowed = "it must be text, a number, true or false"
+            raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.{name}", quoted(given), allowed)
+    return {
+        name: str(given).lower() if isinstance(given, bool) else str(given)
+        for name, given in value.items()
+    }
+
+
+_XACRO_ARGUMENTS = Form(
+    _xacro_arguments,
+    lambda: {"type": "object", "additionalProperties": {"type": ["string", "number", "boolean"]}},
+    _xacro_arguments,
+    dict,
+)
 
 
 @dataclass(frozen=True)
@@ -78,6 +104,12 @@ class RobotFile:
         default=None,
     )
 
+    xacro_arguments: Mapping[str, str] | None = declare(
+        _XACRO_ARGUMENTS,
+        "values of the arguments (`<xacro:arg>`) of a urdf or srdf that ends in .xacro, which the "
+        "command xacro expands; default: those of the file",
+        default=None,
+    )
     inertia: InertiaChoice | None = declare(
         a_word(InertiaChoice),
         "inertias that no body has: possible: they are refused; as_given: they count as written, "
@@ -92,13 +124,15 @@ class RobotFile:
         Raises:
             InvalidInput: A file cannot be read, or is refused.
         """
-        text, place = self.urdf, None
+        text, place, arguments = self.urdf, None, self.xacro_arguments or NO_ARGUMENTS
         if not text.startswith("<"):
             file = resolve_uri(text, relative_to=directory)
-            text, place = read_urdf(file), file.resolve().parent
+            text = read_urdf(file, xacro_arguments=arguments)
+            place = file.resolve().parent
         pairs = None
         if self.srdf is not None:
-            pairs = read_urdf(resolve_uri(self.srdf, directory, "robot.srdf"), "robot.srdf")
+            file = resolve_uri(self.srdf, directory, "robot.srdf")
+            pairs = read_urdf(file, "robot.srdf", arguments)
         robot = robot_from_urdf_text(
             text,
             self.base_link,
