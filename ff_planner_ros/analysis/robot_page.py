@@ -24,7 +24,7 @@ _FRAME = (
     "but where another source is named"
 )
 # Entries of a vector or an inertia that are as small beside the others are zero.
-_ROUNDING = 1e-12
+_ROUNDING = 1e-9
 # Where a limit comes from.
 _FILE, _PLANNER, _NONE = "file", "planner", "none known"
 
@@ -108,7 +108,7 @@ def robot_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield f"  {one['name']}", f"{at}, on {one['joint'] or 'the chaser'}"
     yield from _geometry_rows(facts)
     yield "notes", str(len(facts["notes"]))
-    yield from (("", note) for note in facts["notes"])
+    yield from ((f"  {number}", note) for number, note in enumerate(facts["notes"], start=1))
 
 
 def _joint_rows(joint: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
