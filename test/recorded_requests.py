@@ -9,9 +9,9 @@ from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.commands.verify import _Motion, _motions_in_bag
 from ff_planner_ros.planning.scenario.task_json import task_json
 from ff_planner_ros.planning.task.planning_task import PlanningTask
+from ff_planner_ros.runs.planned_motions import PlannedMotion, recorded_motions
 from ff_planner_ros.runs.replay import Replayed, replay
 
 
@@ -49,6 +49,6 @@ def recorded(
     return Exchange(**told | changes)
 
 
-def motions_in(bag: Path) -> list[_Motion]:
+def motions_in(bag: Path) -> list[PlannedMotion]:
     """Return the plans of a bag as `ff-planner verify` executes them."""
-    return list(_motions_in_bag(bag))
+    return list(recorded_motions(bag, lambda _: None))

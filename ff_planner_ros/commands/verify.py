@@ -5,20 +5,11 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.nearest import Nearest, nearest
-from ff_planner_ros.analysis.plan_document import (
-    phases_of,
-    planned_motion,
-    planned_scene,
-    uncertainty_in,
-)
-from ff_planner_ros.bag.exchanges import exchanges
-from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.campaign.methods import method_of
 from ff_planner_ros.commands import NO_PLAN, SCENARIOS, SOLVED
 from ff_planner_ros.commands.monte_carlo import Draw, print_monte_carlo, uncertainty_of
@@ -26,19 +17,14 @@ from ff_planner_ros.commands.options import refuse_given
 from ff_planner_ros.commands.printed import print_notes, write_json
 from ff_planner_ros.commands.tasks import task_of
 from ff_planner_ros.common.text_table import print_table
-from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status, fields_placed
-from ff_planner_ros.messages.plans import plan_of_task
-from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem.problem import Limits, lasting
-from ff_planner_ros.planning.problem.scene import Scene, scene_of
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty
-from ff_planner_ros.planning.robust.robust import withstood
-from ff_planner_ros.planning.scenario.scenario import limits_from
-from ff_planner_ros.planning.task.following import phase_tasks
-from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.runs.planned_motions import PlannedMotion, motions_of, recorded_motions
 from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
 from ff_planner_ros.simulation.corridor import Corridor
 from ff_planner_ros.simulation.deviation import ALLOWED, Deviation
@@ -85,76 +71,17 @@ def _runs_asked_for(options: Namespace) -> tuple[int | None, Uncertainty | None]
     return options.monte_carlo, None if told is None else uncertainty_of(told)
 
 
-class _Motion(NamedTuple):
-    """A plan to execute."""
-
-    name: str
-    robot: Robot
-    trajectory: Trajectory
-    scene: Scene | None  # None: it is not known
-    limits: Limits = Limits()
-    uncertainty: Uncertainty = Uncertainty()  # that it was planned for, or else the default
-
-
-def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
+def _motions(source: Path, options: Namespace) -> Iterator[PlannedMotion]:
     """Yield each plan of a JSON file or bag, or of a scenario that is planned first."""
     if source.suffix in SCENARIOS:
         task, watch = task_of(source, options)
         planned = perform(task, watch, method_of(options.method, task))
-        yield from _motions_of(source.name, task, planned)
-    elif source.suffix == ".json":
-        yield from _motions_in_json(source)
-    elif source.is_dir() or source.suffix == ".mcap":
-        yield from _motions_in_bag(source)
+        yield from motions_of(source.name, task, planned)
+    elif source.suffix in (".json", ".mcap") or source.is_dir():
+        yield from recorded_motions(source, print_notes)
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
-
-
-def _motions_of(name: str, task: PlanningTask, plan: Plan) -> Iterator[_Motion]:
-    usual = withstood(task.settings.robust)
-    for number, (one, found) in enumerate(phase_tasks(task, plan), start=1):
-        problem = lasting(one.problem, found.duration)
-        called = f"{name}, phase {number}" if plan.then else name
-        scene, motion = scene_of(problem), found.trajectory
-        yield _Motion(called, problem.robot, motion, scene, problem.limits, usual)
-
-
-def _motions_in_bag(source: Path) -> Iterator[_Motion]:
-    """Yield each plan of a bag.
-
-    Raises:
-        BagError: The bag cannot be read, or holds no plan.
-        InvalidInput: A task or an answer is damaged.
-    """
-    refusals, count = list[str](), 0
-    with open_bag(source) as bag:
-        for one in exchanges(bag):
-            if one.status is Status.SOLVED:
-                with fields_placed(one.plan_id):
-                    task = one.planned_task()
-                    plan = plan_of_task(task, one.answer)
-                yield from _motions_of(one.plan_id, task, plan)
-                count += 1
-            elif one.answer is not None:
-                refusals.append(f"{one.plan_id}: {one.answer.status.message}")
-        print_notes(bag.notes)
-        if not count:
-            reasons = "; ".join([f"its answers: {'; '.join(refusals) or 'none'}", *bag.notes])
-            raise BagError(f"bag {source} holds no plan; {reasons}")
-
-
-def _motions_in_json(source: Path) -> Iterator[_Motion]:
-    for name, answer in phases_of(read_json(source), source.name):
-        try:
-            robot, motion = planned_motion(answer)
-            scene = planned_scene(answer)
-            limits = limits_from(answer.get("limits", {}), Limits())
-            told = uncertainty_in(answer)
-        except InvalidInput as error:
-            field = f"{source}: {error.field}"
-            raise InvalidInput(error.status, field, error.value, error.allowed) from None
-        yield _Motion(name, robot, motion, scene, limits, told)
 
 
 def print_verdict(
