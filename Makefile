@@ -89,7 +89,7 @@ $(VENV)/core: $(CORE) | $(VENV)/complete
 
 # What the tests need beside that, every day and in the longer tiers, and what colcon builds with.
 EXTRAS_everyday := test
-EXTRAS_ci := test robots browser
+EXTRAS_ci := test robots browser ccsds
 EXTRAS_nightly := $(EXTRAS_ci)
 # Experiments, a distribution of its own for those who want it.
 BENCHMARK_everyday := ./benchmark
@@ -264,7 +264,7 @@ installation-figures: env $(VENV)/extras_everyday
 # Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow. None
 # of our own is a package of an index.
 lock: env
-	{ $(BIN)/python -c '$(REQUIRES)' ros test robots browser docs colcon; printf 'pip\nuv\n'; \
+	{ $(BIN)/python -c '$(REQUIRES)' ros test robots browser ccsds docs colcon; printf 'pip\nuv\n'; \
 		$(BIN)/python -c '$(REQUIRES_OF_BENCHMARK)'; \
 		for built in . msg_defs benchmark; do \
 			$(BIN)/python -c '$(BUILD_REQUIRES)' $$built/pyproject.toml; done; } | grep -v ^ff_planner_ \

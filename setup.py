@@ -252,6 +252,8 @@ setup(
         "browser": ["playwright>=1.60,<2"],
         # 131 MB that only tests read: the URDFs, as found, of arms and robots that others made.
         "robots": ["example-robot-data>=6,<7"],
+        # 88 MB, most of it astropy's, with which tests read what `export --oem` writes.
+        "ccsds": ["oem>=0.4.5,<0.5"],
         # The site of `docs/`, for `make docs`.
         "docs": ["furo>=2025.9", "myst-parser>=5,<6", "sphinx>=9,<10"],
         # The build that a ROS machine does, for `make build`.

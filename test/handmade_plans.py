@@ -33,6 +33,7 @@ SETTINGS = load_parameters().planner
 GOAL, TAIL, STEP = 8, 4, 0.5  # points to the goal and after it, time between two [s]
 POINTS = GOAL + TAIL + 1
 PLACES = {"start": 0, "between": 4, "before the goal": GOAL - 1, "tail": GOAL, "end": POINTS - 2}
+ACCURACY = 1e-10  # of the integration, relative
 DENSE = 40  # times from point to point that count as all
 NOBODY = SolverReport(starts=1, iterations=0, rollouts=0, optimality=0.0, stop_reason="by hand")
 
@@ -240,7 +241,7 @@ def _carried(
     for begin, end in pairwise(times.tolist()):
         part = np.linspace(begin, end, DENSE + 1)
         ways = (begin, end), bases[-1][-1], "DOP853", part[1:]
-        bases.append(solve_ivp(base_rate, *ways, rtol=1e-10, atol=1e-12).y.T)
+        bases.append(solve_ivp(base_rate, *ways, rtol=ACCURACY, atol=ACCURACY / 100).y.T)
         time.append(part[1:])
     at, poses = np.concatenate(time), np.concatenate(bases)
     poses[:, 3:7] /= np.linalg.norm(poses[:, 3:7], axis=1)[:, None]

@@ -26,7 +26,7 @@ MODULES = (
         "bag.recover",
     ),
     *("bag.export", "runs.replay", "runs.what_if", "report.run_page", "report.from_bag"),
-    "runs.export_scenarios",
+    *("runs.export_scenarios", "runs.ccsds"),
 )
 
 

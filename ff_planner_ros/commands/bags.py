@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -134,11 +135,22 @@ def _report_fleet(directory: Path, options: Namespace) -> int:
     return SOLVED
 
 
+_LABELS: dict[str, str | None] = dict.fromkeys(("plan", "epoch", "object_name"))
+_LABELS |= {"object_id": "UNKNOWN", "center_name": "EARTH", "ref_frame": "EME2000"}
+
+
 def add_export(add: Add) -> None:
     """Add `export`."""
-    summary = "write the plans or the requests of a bag for other tools"
-    export = add("export", export_plans, summary, parents=[_bag()])
-    form = export.add_mutually_exclusive_group(required=True)
+    export = add(
+        "export",
+        export_plans,
+        "write plans or requests for other tools",
+        description="Write the plans or the requests of a bag, or the predicted motion of the "
+        "chaser in one plan as CCSDS messages.",
+    )
+    source_help = "a bag (a directory or .mcap file); for --oem and --aem also an answer of `plan`"
+    export.add_argument("source", type=Path, metavar="BAG|JSON", help=source_help)
+    form = export.add_mutually_exclusive_group()
     directory, file = ("DIR", require_new_directory), ("FILE", require_new_file)
     parquet_help = "new file, a row per answer of a bag, or of all bags in a directory"
     for option, (metavar, require), words in (
@@ -148,25 +160,71 @@ def add_export(add: Add) -> None:
         ("--scenarios", directory, "new directory, a scenario file per request"),
     ):
         add_output(form, option, metavar, words, require)
+    oem_help = "new file, positions as Orbit Ephemeris Message (CCSDS 502.0-B, KVN)"
+    add_output(export, "--oem", "FILE", oem_help, require_new_file)
+    aem_help = "new file, attitudes as Attitude Ephemeris Message (CCSDS 504.0-B, KVN)"
+    add_output(export, "--aem", "FILE", aem_help, require_new_file)
+    for option, metavar, words in (
+        ("--plan", "ID", "which plan of a bag with several"),
+        ("--epoch", "UTC", "of the plan's first point (default: its stamp in a bag)"),
+        ("--object-name", "NAME", "(default: the robot's)"),
+        ("--object-id", "ID", "such as 1998-067A (default: %(default)s)"),
+        ("--center-name", "NAME", "what is at the plan's origin (default: %(default)s)"),
+        ("--ref-frame", "FRAME", "axes of the plan (default: %(default)s)"),
+    ):
+        export.add_argument(option, metavar=metavar, help=words)
+    export.set_defaults(**_LABELS)
 
 
 def export_plans(options: Namespace) -> int:
-    """Write the plans of a bag, or its requests as scenario files."""
+    """Write the plans of a bag, its requests as scenario files, or a plan as CCSDS messages."""
     notes: Sequence[str]
+    if options.oem is not None or options.aem is not None:
+        others = dict.fromkeys(("csv", "npz", "parquet", "scenarios"))
+        refuse_given(options, others, "not beside --oem and --aem")
+        return _export_ccsds(options)
+    refuse_given(options, _LABELS, "it counts beside --oem and --aem alone")
     if options.parquet is not None:
         return _export_parquet(options)
     if options.scenarios is not None:
         from ff_planner_ros.runs.export_scenarios import export_scenarios
 
-        notes = export_scenarios(options.bag, options.scenarios)
+        notes = export_scenarios(options.source, options.scenarios)
     else:
         from ff_planner_ros.bag.export import export_csv, export_npz
 
         if options.csv is not None:
-            notes = export_csv(options.bag, options.csv)
+            notes = export_csv(options.source, options.csv)
+        elif options.npz is not None:
+            notes = export_npz(options.source, options.npz)
         else:
-            notes = export_npz(options.bag, options.npz)
+            allowed = "one of --csv, --npz, --parquet, --scenarios, --oem and --aem says it"
+            raise InvalidInput(Status.UNSUPPORTED, "what to write", "missing", allowed)
     print_notes(notes)
+    return SOLVED
+
+
+def _export_ccsds(options: Namespace) -> int:
+    """Write the chaser's motion in one plan as Orbit and Attitude Ephemeris Message."""
+    from ff_planner_ros.runs import ccsds
+    from ff_planner_ros.runs.planned_motions import PlannedMotion, recorded_motions
+
+    epoch = None if options.epoch is None else ccsds.epoch_ns(options.epoch)
+    plans = defaultdict[str, list[PlannedMotion]](list)
+    for one in recorded_motions(options.source, print_notes):
+        plans[one.plan].append(one)
+    name = options.plan or (next(iter(plans)) if len(plans) == 1 else "")
+    if name not in plans:
+        allowed = f"it must be one of {', '.join(plans)}"
+        raise InvalidInput(Status.UNSUPPORTED, "--plan", name or "missing", allowed)
+    first, motions = plans[name][0], [(one.robot, one.trajectory) for one in plans[name]]
+    called = options.object_name or first.robot.model.name
+    labels = ccsds.Labels(called, options.object_id, options.center_name, options.ref_frame)
+    segments = ccsds.segments_of(motions, first.start_ns if epoch is None else epoch)
+    for file, message in ((options.oem, ccsds.oem), (options.aem, ccsds.aem)):
+        if file is not None:
+            file.write_text(message(segments, labels), encoding="ascii")
+            print(f"{file}  {name}, points: {', '.join(str(len(one.epochs)) for one in segments)}")
     return SOLVED
 
 
@@ -176,7 +234,7 @@ def _export_parquet(options: Namespace) -> int:
     from ff_planner_ros.report.fleet import read_fleet
     from ff_planner_ros.report.fleet_table import publications_beside, save_fleet_table
 
-    fleet = read_fleet(options.bag)
+    fleet = read_fleet(options.source)
     save_fleet_table(fleet, options.parquet)
     print_notes([*fleet.notes, *(f"skipped: {name}: {why}" for name, why in fleet.skipped)])
     print(f"{options.parquet}  {len(fleet.read)} bags, {len(fleet.rows)} requests")

@@ -46,7 +46,7 @@ def to_trajectory(
         joint_velocities=v[:, 6:],
         joint_accelerations=accelerations[:, 6:],
         joint_torques=np.array(torques),
-        **_chaser(robot, q, v),
+        **chaser_rows(robot, q, v),
         ee_positions=poses[:, :3],
         ee_quaternions_xyzw=poses[:, 3:],
         ee_linear_velocities=twists[:, :3],
@@ -81,7 +81,7 @@ def chaser_motion(states: Sequence[SystemState]) -> dict[str, Array]:
     }
 
 
-def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
+def chaser_rows(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
     """Return the arrays of `chaser_motion` from all configurations and velocities at once."""
     base_to_inertial = rotation_base_to_inertial(q)
     chaser_from_base = base_to_inertial @ robot.position_chaser_in_base
