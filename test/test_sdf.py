@@ -26,6 +26,7 @@ from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.collision.urdf_body import UrdfBody, urdf_body
 from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.sdf import urdf_of
+from ff_planner_ros.robot.urdf.sdf_model import SDF as SDF_FORMAT
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 
@@ -351,6 +352,17 @@ def test_what_a_urdf_reader_finds_in_an_sdf_has_its_line_there() -> None:
         found = re.search(rf"{words}.*\(line (\d+)", str(refused.value))
         assert found
         assert int(found[1]) == line, words
+
+
+@pytest.mark.parametrize("tag", ["model", "link", "joint", "collision", "inertial", "axis"])
+def test_what_the_table_of_the_format_says_is_not_read_changes_no_body(tag: str) -> None:
+    rows = {path.rpartition("/")[2]: row for path, row in SDF_FORMAT.tag.within("sdf")}
+    for name in rows[tag].unread:
+        if name == "pose" or name.startswith("@"):
+            continue  # the model's own has one
+        text = re.sub(rf"(<{tag}\b[^>]*>)", rf"\1<{name}><any>1</any></{name}>", SDF)
+        assert text != SDF
+        require_same(urdf_body(text, "it"), urdf_body(URDF, "it"))
 
 
 def test_a_link_without_an_inertial_is_not_taken_for_a_kilogram() -> None:

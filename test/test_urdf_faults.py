@@ -17,8 +17,11 @@ from ff_planner_ros.robot.collision.urdf_body import urdf_body
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.urdf.urdf import checked_urdf
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
+from ff_planner_ros.robot.urdf.urdf_xml import SRDF, URDF
+from ff_planner_ros.robot.urdf.xml_reader import Format
 
 LEMUR = LEMUR_URDF.read_text()
+ENDS = ("chaser", "end_effector")
 
 
 def set_limit(key: str, value: str) -> Callable[[Element], None]:
@@ -209,6 +212,59 @@ def test_a_limit_that_no_plan_keeps_is_a_note() -> None:
     text = LEMUR.replace('effort="80.0"', 'effort="80.0" acceleration="1"')
     robot = robot_from_urdf_text(text, "chaser", "end_effector")
     assert "not read: acceleration of <limit>" in robot.notes
+
+
+def not_read(form: Format) -> list[tuple[str, str]]:
+    """Each element of a format with each part and attribute that is not read."""
+    return [
+        (path.removeprefix(f"{form.root}/"), name)
+        for path, row in form.tag.within(form.root)
+        for name in (*row.unread, *row.noted)
+        if not name.endswith("_collisions")  # read like those of an SRDF
+    ]
+
+
+@pytest.mark.parametrize(("path", "name"), not_read(URDF))
+def test_what_a_table_says_is_not_read_changes_no_robot(path: str, name: str) -> None:
+    """Whatever is in it; and a note names what the table says is noted."""
+    if path.startswith("ros2_control"):
+        text = within("robot", "<ros2_control><joint name='joint_1'/></ros2_control>")
+    else:
+        text = LEMUR if "safety" not in path else within("joint", "<safety_controller/>")
+    robot = ElementTree.fromstring(text)
+    owner = robot if path == "robot" else robot.find(path)
+    assert owner is not None
+    if name.startswith("@"):
+        owner.set(name[1:], "1")
+    else:
+        inside = ElementTree.SubElement(owner, name, any="1")
+        ElementTree.SubElement(inside, "anything").text = "1"
+    changed = robot_from_urdf_text(ElementTree.tostring(robot, "unicode"), *ENDS)
+    plain = robot_from_urdf_text(LEMUR, *ENDS)
+    assert changed.urdf == plain.urdf
+    assert changed.may_touch == plain.may_touch
+    row = URDF.tag if path == "robot" else dict(URDF.tag.within("robot"))[f"robot/{path}"]
+    told = f"not read: {name.removeprefix('@')} of <" if name in row.noted else None
+    assert [note for note in changed.notes if note not in plain.notes and told is None] == []
+    assert told is None or any(note.startswith(told) for note in changed.notes)
+
+
+@pytest.mark.parametrize("name", [name for _, name in not_read(SRDF)])
+def test_what_the_table_of_an_srdf_says_is_not_read_lets_no_other_links_touch(name: str) -> None:
+    srdf = f"<robot name='lemur'><{name} any='1'><anything/></{name}></robot>"
+    changed, plain = (
+        robot_from_urdf_text(LEMUR, *ENDS, srdf=text) for text in (srdf, "<robot name='lemur'/>")
+    )
+    assert changed.pairs == plain.pairs
+    assert any(f"<{name}>" in note for note in changed.notes) is (name in SRDF.tag.noted)
+
+
+def test_a_joint_that_mimics_another_in_ros2_control_alone_is_noted() -> None:
+    """A name may hold what a search for it would stumble on."""
+    joint = "<joint name=\"joint_'2\"><param name='mimic'>joint_1</param></joint>"
+    robot = robot_from_urdf_text(within("robot", f"<ros2_control>{joint}</ros2_control>"), *ENDS)
+    told = "joints that mimic another in <ros2_control> alone, which is not modelled"
+    assert f"{told}: joint_'2 mimics joint_1" in robot.notes
 
 
 @pytest.mark.parametrize("base_link", [None, "chaser"])

@@ -38,6 +38,9 @@ from ff_planner_ros.planning.scenario.scenario import scenario_schema
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
+from ff_planner_ros.robot.urdf.sdf_model import SDF
+from ff_planner_ros.robot.urdf.urdf_xml import SRDF, URDF
+from ff_planner_ros.robot.urdf.xml_reader import Format
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
@@ -160,6 +163,39 @@ def _choices(schema: Any) -> str:
         return f", or `{other[0]}`"
     words = ", ".join(f"`{word}`" for word in schema.get("enum", ()))
     return words and f": {words}"
+
+
+def urdf_elements() -> Iterator[tuple[str, ...]]:
+    yield from _elements(URDF)
+
+
+def srdf_elements() -> Iterator[tuple[str, ...]]:
+    yield from _elements(SRDF)
+
+
+def sdf_elements() -> Iterator[tuple[str, ...]]:
+    yield from _elements(SDF)
+
+
+def _elements(form: Format) -> Iterator[tuple[str, ...]]:
+    """Yield each element that a reader knows; what is passed over is told where it is first."""
+    yield "element", "read of it", "not read, and what that means"
+    told = set[str]()
+    for path, row in form.tag.within(form.root):
+        if path.endswith("/locked"):
+            continue
+        names = [f"`{one}`" for one in row.attributes if one != "quat_xyzw"]
+        names += ["its text"] if row.has_text else []
+        reasons = dict[str, list[str]]()
+        for one, reason in (*row.unread.items(), *row.noted.items()):
+            if not (one in told and form is SDF):
+                noted = " (with a note)" if one in row.noted else ""
+                reasons.setdefault(reason + noted, []).append(f"`{one.removeprefix('@')}`")
+        told |= row.unread.keys()
+        unread = [f"{', '.join(given)}: {reason}" for reason, given in reasons.items()]
+        shown = f"`{path.removeprefix(f'{form.root}/')}`"
+        first = "; ".join(filter(None, (", ".join(names), row.means)))
+        yield shown, first, "; ".join(unread)
 
 
 def public() -> Iterator[tuple[str, ...]]:

@@ -37,7 +37,7 @@ _SAME_PLACE = 1e-9
 # Schemes of files: a model's is resolved like a package's.
 _MODEL_SCHEME, _PACKAGE_SCHEME = "model://", "package://"
 # Any URDF: its own reader says what is wrong with it.
-_URDF = Format("robot", Tag(is_told=False), 0, "")
+_URDF = Format("robot", Tag(), 0, "")
 
 
 def urdf_of(text: str) -> str:

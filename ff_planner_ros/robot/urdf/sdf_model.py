@@ -92,13 +92,11 @@ _MODEL = Tag(
 )
 SDF = Format(
     "sdf",
-    Tag(("version",), {"model": _MODEL}, _UNREAD, is_told=True),
+    Tag(("version",), {"model": _MODEL}, _UNREAD),
     most=50_000,
     told_most="50000 elements",
     counted=float("inf"),
     never_within=frozenset(("link", "joint")),
-    place="links and joints must be directly in <model>",
-    by_path=False,
 )
 
 

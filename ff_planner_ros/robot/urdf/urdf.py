@@ -10,7 +10,6 @@ from xml.etree.ElementTree import Element, SubElement
 
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.urdf.locked_joints import (
     NOTHING_HELD,
     LockedJoint,
@@ -40,7 +39,7 @@ from ff_planner_ros.robot.urdf.urdf_xml import (
     InertiaChoice,
     inertia_choice,
     read_elements,
-    read_other_facts,
+    read_shapes,
 )
 
 # The planner's bound of continuous joints, either way from the turn of the start [rad].
@@ -83,8 +82,8 @@ def checked_urdf(
         inertia: What happens to impossible inertias; `POSSIBLE`: what a recorded URDF says.
 
     Raises:
-        InvalidInput: No chain of movable joints leads from base link to tip link, an inertia is
-            impossible, or the URDF is otherwise faulty. The error tells all faults.
+        InvalidInput: No chain of movable joints leads from base link to tip link, or the URDF is
+            otherwise faulty. The error tells all faults.
     """
     faults = Faults()
     robot = read_elements(text, faults)
@@ -257,14 +256,14 @@ def _limit_continuous(joint: Element) -> None:
 
 def _not_counted(moving: Sequence[Element], text: str) -> list[str]:
     """Return notes on what else a URDF says of the joints that move, and no plan counts."""
-    given = read_other_facts(text)
+    given = read_shapes(text)
     commands = [
         (_name(joint), one)
         for joint in given.iterfind("ros2_control/joint")
         for one in joint.iterfind("command_interface")
         if not any(limits.get("enable") == "false" for limits in (*joint, *one))
     ]
-    written = {_name(joint): joint for joint in reversed(given.findall("joint"))}
+    written = {_name(joint): joint for joint in given.iterfind("joint")}
     soft, beyond, controlled, resisting = list[str](), list[str](), list[str](), list[str]()
     for joint in moving:
         name, kept = _name(joint), _Kept(joint)
@@ -275,21 +274,25 @@ def _not_counted(moving: Sequence[Element], text: str) -> list[str]:
         if own.get("type") == "continuous" and (limit := own.find("limit")) is not None:
             beyond += kept.stricter("position", limit.get("lower", ""), limit.get("upper", ""))
         for interface in (one for of, one in commands if of == name):
-            ends = {one.get("name"): one.text or "" for one in interface.iterfind("param")}
-            told = ends.get("min", ""), ends.get("max", "")
-            controlled += kept.stricter(interface.get("name", ""), *told)
+            ends = {one.get("name"): one.text or "" for one in interface}
+            at_most = (ends.get(end, "") for end in ("min", "max"))
+            controlled += kept.stricter(interface.get("name", ""), *at_most)
         if (dynamics := own.find("dynamics")) is not None:
             resisting += kept.resisting(dynamics)
-    return [
-        f"{what}: {listed(which, LONGEST_NOTE)}"
-        for what, which in (
-            ("stricter limits in <safety_controller>, which are not kept", soft),
-            ("stricter limits in <ros2_control>, which are not kept", controlled),
-            ("limits of continuous joints, which are not kept", beyond),
-            ("not counted in the torques of joints", resisting),
-        )
-        if which
+    mimics = [
+        f"{_name(joint)} mimics {(one.text or '').strip()}"
+        for joint in given.iterfind("ros2_control/joint")
+        for one in joint.iterfind("param[@name='mimic']")
+        if written.get(_name(joint), joint).find("mimic") is None
     ]
+    told = {
+        "joints that mimic another in <ros2_control> alone, which is not modelled": mimics,
+        "stricter limits in <safety_controller>, which are not kept": soft,
+        "stricter limits in <ros2_control>, which are not kept": controlled,
+        "limits of continuous joints, which are not kept": beyond,
+        "not counted in the torques of joints": resisting,
+    }
+    return [f"{what}: {listed(which, LONGEST_NOTE)}" for what, which in told.items() if which]
 
 
 class _Kept:
@@ -336,14 +339,11 @@ def _make_fixed(joint: Element, place: pin.SE3 | None) -> None:
     _drop(joint, "axis", "limit", "mimic")
     if place is not None:
         _drop(joint, "origin")
-        xyz, rpy = place.translation, pin.rpy.matrixToRpy(place.rotation)
-        SubElement(joint, "origin", xyz=_text(xyz), rpy=_text(rpy))
+        numbers = place.translation, pin.rpy.matrixToRpy(place.rotation)
+        xyz, rpy = (" ".join(map(repr, vector.tolist())) for vector in numbers)
+        SubElement(joint, "origin", xyz=xyz, rpy=rpy)
 
 
 def _drop(joint: Element, *tags: str) -> None:
     for part in [part for part in joint if part.tag in tags]:
         joint.remove(part)
-
-
-def _text(vector: Array) -> str:
-    return " ".join(repr(float(number)) for number in vector)

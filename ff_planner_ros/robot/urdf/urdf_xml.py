@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 from dataclasses import replace
-from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
 from ff_planner_ros.robot.collision.primitives import PRIMITIVES
@@ -12,7 +11,9 @@ from ff_planner_ros.robot.urdf.sdf import robot_of
 from ff_planner_ros.robot.urdf.sdf_model import SDF
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
 from ff_planner_ros.robot.urdf.xml_reader import MAX_CHARACTERS as MAX_CHARACTERS
-from ff_planner_ros.robot.urdf.xml_reader import Format, Formats, Tag, read_xml
+from ff_planner_ros.robot.urdf.xml_reader import Format, Tag, read_xml
+
+SRDF_FIELD = "robot.srdf"
 
 # A humanoid with both hands has two hundred. The time to build a model grows with the square.
 MAX_LINKS = 1000
@@ -29,7 +30,7 @@ _MOST_DISABLED = 100_000  # a humanoid's SRDF has two thousand
 _LOOKS = "what only looks changes no plan"
 _SIMULATOR = "settings of a simulator or controller, which change no plan"
 _CONTACT = "bodies that may touch do not push each other in a plan"
-_READ_APART = "its shapes are read apart, see `link/collision`"
+_SRDF_SAYS = "links that may touch are told by an SRDF"
 
 
 def _of(reason: str, *names: str) -> dict[str, str]:
@@ -37,16 +38,12 @@ def _of(reason: str, *names: str) -> dict[str, str]:
 
 
 _ORIGIN = Tag(("xyz", "rpy", "quat_xyzw"))
+_GEOMETRY = {name: Tag(tuple(one.sizes)) for name, one in PRIMITIVES.items()}
 _SHAPE = Tag(
     parts={
         "origin": _ORIGIN,
         "geometry": Tag(
-            parts={
-                name: Tag(tuple(PRIMITIVES[name].sizes))
-                if name in PRIMITIVES
-                else Tag(("filename", "scale"))
-                for name in sorted((*PRIMITIVES, "mesh"))
-            }
+            parts=dict(sorted({**_GEOMETRY, "mesh": Tag(("filename", "scale"))}.items()))
         ),
     },
     unread=_of(_LOOKS, "material", "laser_retro", "verbose")
@@ -54,7 +51,7 @@ _SHAPE = Tag(
     | _of(_SIMULATOR, "max_contacts"),
     several=True,
 )
-_SHAPES = {"visual": replace(_SHAPE, is_told=False), "collision": replace(_SHAPE, is_told=True)}
+_VISUAL = replace(_SHAPE, is_quiet=True, means="drawn, and kept clear of nothing")
 _INERTIAL = Tag(
     parts={
         "origin": _ORIGIN,
@@ -64,25 +61,15 @@ _INERTIAL = Tag(
 )
 _LINK = Tag(
     ("name",),
-    {"inertial": _INERTIAL},
-    _of(_READ_APART, *_SHAPES)
-    | _of(_CONTACT, "contact", "contact_coefficients", "surface")
+    {"inertial": _INERTIAL, "visual": _VISUAL, "collision": _SHAPE},
+    _of(_CONTACT, "contact", "contact_coefficients", "surface")
     | _of(_LOOKS, "material", "sensor")
     | _of(_SIMULATOR, "collision_checking", "gazebo", "gravity", "kinematic")
-    | _of("links that may touch are told by an SRDF", "self_collision_checking", "self_filter"),
+    | _of(_SRDF_SAYS, "self_collision_checking", "self_filter"),
     several=True,
 )
-_NOT_KEPT = "not kept by plans; `limits.acceleration` is"
-_LIMIT = Tag(
-    ("lower", "upper", "velocity", "effort"),
-    noted=_of(
-        _NOT_KEPT,
-        *("@acceleration", "@deceleration", "@jerk", "@command_effort", "@current"),
-        "@gear_velocity",
-    ),
-)
-_STRICTER = "limits stricter than those of `<limit>` are not kept, which a note says"
-_RESISTS = "damping, friction and stiffness are not counted in torques, which a note says"
+_NOT_KEPT = "plans do not keep it; the parameter `limits.acceleration` limits accelerations"
+_STRICTER = "limits stricter than those of `limit` are not kept; a note names them"
 _JOINT = Tag(
     ("name", "type"),
     {
@@ -90,12 +77,40 @@ _JOINT = Tag(
         "parent": Tag(("link",)),
         "child": Tag(("link",)),
         "axis": Tag(("xyz",)),
-        "limit": _LIMIT,
+        "limit": Tag(
+            ("lower", "upper", "velocity", "effort"),
+            noted=_of(_NOT_KEPT, "@acceleration", "@deceleration", "@jerk")
+            | _of("a motor's, not the joint's", "@command_effort", "@current", "@gear_velocity"),
+        ),
         "mimic": Tag(("joint", "multiplier", "offset")),
         LOCKED: Tag(("type", "position")),
+        "safety_controller": Tag(
+            ("soft_lower_limit", "soft_upper_limit"),
+            unread=_of(_SIMULATOR, "@k_position", "@k_velocity"),
+            means=_STRICTER,
+        ),
+        "dynamics": Tag(
+            ("damping", "friction", "stiffness"),
+            means="not counted in torques; a note names those that are not zero",
+        ),
     },
-    {"safety_controller": _STRICTER, "dynamics": _RESISTS}
-    | _of(_SIMULATOR, "actuator", "calibration", "gazebo", "hardware", "sensor", "transmission"),
+    _of(_SIMULATOR, "actuator", "calibration", "gazebo", "hardware", "sensor", "transmission"),
+    several=True,
+)
+_PARAMETER = Tag(("name",), has_text=True, several=True)
+_MIMICS = "a joint that mimics another by `param` alone moves by itself; a note names it"
+_SWITCH = Tag(("enable",), several=True)
+_COMMANDS = Tag(("name",), {"param": _PARAMETER, "limits": _SWITCH}, several=True, means=_STRICTER)
+_CONTROLLED = Tag(
+    ("name",),
+    {"command_interface": _COMMANDS, "limits": _SWITCH, "param": _PARAMETER},
+    _of("the state is measured", "state_interface"),
+    several=True,
+    means=_MIMICS,
+)
+_CONTROL = Tag(
+    parts={"joint": _CONTROLLED},
+    unread=_of(_SIMULATOR, "gpio", "hardware", "sensor", "transmission"),
     several=True,
 )
 _TOUCHING = {
@@ -105,83 +120,37 @@ _TOUCHING = {
 }
 _ROBOT = Tag(
     ("name", INERTIA),
-    {"link": _LINK, "joint": _JOINT},
-    {"ros2_control": _STRICTER}
-    | _of(_LOOKS, "material", "sensor")
+    {"link": _LINK, "joint": _JOINT, "ros2_control": _CONTROL},
+    _of(_LOOKS, "material", "sensor")
     | _of(_SIMULATOR, "gazebo", "transmission")
     | _of("those of a recorded URDF are read like an SRDF's", *_TOUCHING),
-    is_told=True,
 )
-_OF_ROBOTS = frozenset(("link", "joint", "inertial", "collision", "child"))
-_URDF = Format(
+_KNOWN = frozenset((*_TOUCHING, *(path.rpartition("/")[2] for path, _ in _ROBOT.within("robot"))))
+URDF = Format(
     "robot",
     _ROBOT,
     2 * MAX_LINKS,
     f"{MAX_LINKS} links and as many joints",
-    never_within=_OF_ROBOTS,
-    place="links and joints must be directly in <robot>",
+    never_within=frozenset(("link", "joint", "inertial", "collision", "child")),
+    known=_KNOWN,
+    # What a robot or body can be without: a missing mesh, say, shall not stop a plan
+    apart=frozenset(("visual", "collision", "safety_controller", "dynamics", "ros2_control")),
 )
-# The same file once more, for what a missing mesh shall not stop a plan for.
-_SHAPES_OF_URDF = replace(
-    _URDF,
-    tag=Tag(("name",), {"link": Tag(("name",), _SHAPES, several=True)}, is_told=False),
-)
-_GROUPS = "groups, states and the base are told by parameters and the measured state"
-_SRDF = Format(
+_GROUPS = "groups, postures and the base are told by parameters and the measured state"
+SRDF = Format(
     "robot",
     Tag(
         ("name",),
         _TOUCHING,
         _of(_GROUPS, "end_effector", "group", "group_state", "gripper", "virtual_joint")
-        | _of("joints that move are those from base to tip", "passive_joint")
-        | _of("a rotor's inertia is not counted", "rotor_params")
         | _of(_SIMULATOR, "joint_property", "specificities")
         | _of("shapes are the URDF's", "link_sphere_approximation"),
-        is_told=True,
+        _of("a joint from base to tip moves, unless it is locked", "passive_joint")
+        | _of("a rotor's inertia is not counted", "rotor_params"),
     ),
     _MOST_DISABLED,
     f"{_MOST_DISABLED} {DISABLE}",
-)
-# What a URDF says of joints beside the limits that plans keep.
-_PARAMETER = Tag(("name",), has_text=True, several=True)
-_SWITCH = Tag(("enable",), several=True)
-_OTHER_FACTS = Tag(
-    ("name",),
-    {
-        "joint": Tag(
-            ("name", "type"),
-            {
-                "limit": Tag(_LIMIT.attributes),
-                "safety_controller": Tag(("soft_lower_limit", "soft_upper_limit")),
-                "dynamics": Tag(("damping", "friction", "stiffness")),
-            },
-            several=True,
-        ),
-        "ros2_control": Tag(
-            parts={
-                "joint": Tag(
-                    ("name",),
-                    {
-                        "command_interface": Tag(
-                            ("name",), {"param": _PARAMETER, "limits": _SWITCH}, several=True
-                        ),
-                        "limits": _SWITCH,
-                    },
-                    several=True,
-                )
-            },
-            several=True,
-        ),
-    },
-    is_told=False,
-)
-_KNOWN = frozenset(
-    path.rpartition("/")[2]
-    for row in (_ROBOT, _SHAPES_OF_URDF.tag, _SRDF.tag)
-    for path, _ in row.within("robot")
-)
-_URDF, _SHAPES_OF_URDF, _SRDF = (
-    replace(one, known=_KNOWN) for one in (_URDF, _SHAPES_OF_URDF, _SRDF)
+    known=_KNOWN,
 )
 
 
@@ -216,15 +185,11 @@ def read_elements(text: str, faults: Faults) -> Element:
         InvalidInput: The text is no XML, another document, a xacro file, too large, or declares
             entities, say; or it is an SDF with faults.
     """
-    robot = _read(text, _URDF, faults)
-    for link in robot.iterfind("link[collision]"):  # of an SDF
-        for collision in link.findall("collision"):
-            link.remove(collision)
-    return robot
+    return _read(text, URDF, faults, in_parts=True)
 
 
 def read_shapes(text: str, faults: Faults | None = None) -> Element:
-    """Return the `<robot>` of a text that `read_elements` accepts, with the shapes of its links.
+    """Return the `<robot>` of a text that `read_elements` accepts, with all that is read of it.
 
     Args:
         faults: Collects what is wrong in `<collision>` elements.
@@ -232,12 +197,7 @@ def read_shapes(text: str, faults: Faults | None = None) -> Element:
     Raises:
         InvalidInput: As for `read_elements`.
     """
-    return _read(text, _SHAPES_OF_URDF, Faults() if faults is None else faults)
-
-
-def read_other_facts(text: str) -> Element:
-    """Return the `<robot>` of a text that `read_elements` accepts, with what no plan keeps."""
-    return _read(text, replace(_URDF, tag=_OTHER_FACTS, counted=0), Faults())
+    return _read(text, URDF, Faults() if faults is None else faults, told_in="collision")
 
 
 def read_collisions(text: str, field: str, faults: Faults) -> Element:
@@ -249,15 +209,18 @@ def read_collisions(text: str, field: str, faults: Faults) -> Element:
     Raises:
         InvalidInput: As for `read_elements`; the error names `field`.
     """
-    if field == _URDF.field:  # whose other elements are known
-        return _read(text, replace(_URDF, tag=replace(_SRDF.tag, is_told=False)), faults)
-    return _read(text, replace(_SRDF, field=field), faults, others={})
+    told_in = "" if field == SRDF_FIELD else "nothing"
+    return _read(text, replace(SRDF, field=field), faults, told_in=told_in)
 
 
 def _read(
-    text: str, form: Format, faults: Faults, others: Formats = MappingProxyType({"sdf": SDF})
+    text: str, form: Format, faults: Faults, in_parts: bool = False, told_in: str = ""
 ) -> Element:
-    read = read_xml(text, {form.root: form, **others}, faults)
+    formats = {form.root: form} if form.field == SRDF_FIELD else {form.root: form, SDF.root: SDF}
+    read = read_xml(text, formats, faults, in_parts, told_in)
     robot = robot_of(read, faults) if read.tag == SDF.root else read
+    for link in robot.iterfind("link[collision]") if in_parts else ():  # of an SDF
+        for collision in link.findall("collision"):
+            link.remove(collision)
     robot.set("name", robot.get("name") or "robot")
     return robot

@@ -49,7 +49,8 @@ class Tag:
     noted: Mapping[str, str] = field(default_factory=dict)  # the same, named in a note
     has_text: bool = False  # its text is its value
     several: bool = False  # its owner may have more than one
-    is_told: bool | None = None  # whether faults in it are told; None: as in its owner
+    is_quiet: bool = False  # nothing in it is a fault
+    means: str = ""  # for a plan, where that is less than one expects
 
     def within(self, path: str) -> Iterator[tuple[str, Tag]]:
         """Yield the path of this element, which is given, and of all in it, each with its row."""
@@ -70,26 +71,37 @@ class Format:
     counted: float = 1  # depth below the root down to which elements count for `most`
     # Elements that must not be in one that is passed over because it is not known
     never_within: frozenset[str] = frozenset()
-    place: str = ""  # where those must be instead
     known: frozenset[str] = frozenset()  # elements that are no mere extension anywhere
-    # How faults are told: by the path of elements in a link or joint, or by the element alone
-    by_path: bool = True
+    apart: frozenset[str] = frozenset()  # elements that a reading in parts passes over
+
+    @property
+    def by_path(self) -> bool:
+        """Whether faults name the link or joint that they are in; else the element alone."""
+        return self.root == "robot"
 
 
 Formats: TypeAlias = Mapping[str, Format]  # by the name of their outermost element
 
 
-def read_xml(text: str, formats: Formats, faults: Faults) -> Element:
+def read_xml(
+    text: str,
+    formats: Formats,
+    faults: Faults,
+    in_parts: bool = False,
+    told_in: str = "",
+) -> Element:
     """Return the outermost element of a text, with what the format of this name reads in it.
 
     Args:
         faults: Collects what is wrong.
+        in_parts: The elements that the format reads apart are passed over.
+        told_in: Element in which faults are told; empty: all are.
 
     Raises:
         InvalidInput: The text is no XML, another document, not expanded by xacro, too large, or
             declares entities, say.
     """
-    reader = _Reader(formats, faults)
+    reader = _Reader(formats, faults, in_parts, told_in)
     if len(text) > MAX_CHARACTERS:
         reader.refuse(f"{len(text)} characters long", f"it must be at most {MAX_CHARACTERS}")
     try:
@@ -102,8 +114,9 @@ def read_xml(text: str, formats: Formats, faults: Faults) -> Element:
 class _Reader:
     """Builds elements; those that are passed over may be nested to any depth."""
 
-    def __init__(self, formats: Formats, faults: Faults) -> None:
+    def __init__(self, formats: Formats, faults: Faults, in_parts: bool, told_in: str) -> None:
         self._formats, self._faults = formats, faults
+        self._in_parts, self._told_in = in_parts, told_in
         self._form = next(iter(formats.values()))  # until the outermost element is known
         self._open: list[tuple[Element, Tag, bool]] = []  # with its row, and whether faults count
         self._passed_over = 0  # elements open, the innermost ones
@@ -134,7 +147,10 @@ class _Reader:
         if self._passed_over:
             self._passed_over += 1
             if self._unknown and tag in self._form.never_within:
-                self._add_alone(self._unknown, f"unknown, and holds <{tag}>", self._form.place)
+                place = f"<{'robot' if self._form.by_path else 'model'}>"
+                allowed = f"links and joints must be directly in {place}"
+                value = f"unknown, and holds <{tag}>"
+                self._add(self._unknown, value, allowed, alone=self._unknown)
                 self._unknown = ""
         elif not self._open:
             if tag not in self._formats:
@@ -148,8 +164,8 @@ class _Reader:
     def _start_part(self, tag: str, attributes: dict[str, str]) -> None:
         owner, row, _ = self._open[-1]
         part = row.parts.get(tag)
-        if part is None:
-            if tag not in row.unread:
+        if part is None or (self._in_parts and tag in self._form.apart):
+            if part is None and tag not in row.unread:
                 self._tell_unknown(owner, row, tag, attributes)
             self._passed_over = 1
             return
@@ -169,7 +185,8 @@ class _Reader:
         kept = {name: attributes[name] for name in row.attributes if name in attributes}
         element = PlacedElement(tag, kept)
         element.line = self.parser.CurrentLineNumber
-        is_told = self._is_told if row.is_told is None else row.is_told
+        is_told = self._open[-1][2] if self._open else not self._told_in
+        is_told = (is_told or tag == self._told_in) and not row.is_quiet
         self._open.append((element, row, is_told))
         if tag in ("link", "joint") and len(self._open) <= 3:
             self._faults.places.setdefault((tag, element.get("name", "")), element)
@@ -218,10 +235,8 @@ class _Reader:
         # Shapes are counted at the end of their <geometry>.
         if part.several or owner.tag == "geometry" or owner.find(tag) is None:
             return self._alike[tag] > _MOST_ALIKE
-        if self._form.by_path:
-            self._add(tag, "there twice", "it must be there once")
-        else:
-            self._add_alone(f"<{tag}>", f"there twice in <{owner.tag}>", "it must be there once")
+        value = "there twice" + ("" if self._form.by_path else f" in <{owner.tag}>")
+        self._add(tag, value, "it must be there once", alone=f"<{tag}>")
         return True
 
     def _tell_unknown(self, owner: Element, row: Tag, tag: str, attributes: dict[str, str]) -> None:
@@ -232,16 +247,14 @@ class _Reader:
             if form.by_path or tag in row.noted:
                 self._note(f"{told} in <{owner.tag}>")
             return
+        offered = listed(_offered(row.parts))
         if not form.by_path:
-            allowed = f"of a model, <{owner.tag}> may hold {listed(row.parts) or 'nothing else'}"
-            self._add_alone(told, f"in <{owner.tag}>", allowed)
+            allowed = f"of a model, <{owner.tag}> may hold {offered or 'nothing else'}"
+            self._add("", f"in <{owner.tag}>", allowed, alone=told)
             return
         places = (number for text in attributes.values() for number in finite_numbers(text))
-        if (owner.tag, tag) == ("link", "origin") and not any(places):
-            return  # as onshape-to-robot writes it
-        apart = (part for part in ("visual", "collision") if part in row.unread)
-        allowed = f"it may hold {listed((*_offered(row.parts), *apart)) or 'no elements'}"
-        self._add("", f"with an unknown {told}", allowed)
+        if (owner.tag, tag) != ("link", "origin") or any(places):  # as onshape-to-robot writes it
+            self._add("", f"with an unknown {told}", f"it may hold {offered or 'no elements'}")
 
     def _tell_unknown_attribute(self, element: Element, row: Tag, name: str) -> None:
         form, told = self._form, shortened(name)
@@ -249,47 +262,34 @@ class _Reader:
         if name.partition(":")[0] in always or f"@{name}" in row.unread:
             return
         # A link, say, has none that can be left out: what misses a misspelt one refuses it.
-        is_noted = f"@{name}" in row.noted
-        if is_noted or ":" in name or (row.parts and form.by_path):
-            if form.by_path or is_noted:
-                self._note(f"{told} of <{element.tag}>")
-            return
-        allowed = f"it may have {listed(_offered(row.attributes)) or 'no attributes'}"
-        if form.by_path:
-            self._add("", f"with an unknown {told!r}", allowed)
-        else:
-            self._add_alone(f"<{element.tag}>", f"with an unknown {told!r}", allowed)
-
-    @property
-    def _is_told(self) -> bool:
-        return not self._open or self._open[-1][2]
+        if f"@{name}" in row.noted or (form.by_path and (":" in name or row.parts)):
+            self._note(f"{told} of <{element.tag}>")
+        elif ":" not in name:
+            allowed = f"it may have {listed(_offered(row.attributes)) or 'no attributes'}"
+            self._add("", f"with an unknown {told!r}", allowed, alone=f"<{element.tag}>")
 
     def _note(self, unread: str) -> None:
-        if self._is_told:
+        if self._open[-1][2]:
             self._faults.unread[unread] = None
 
-    def _add(self, part: str, value: str, allowed: str) -> None:
-        """Add a fault of the innermost open element that is read, or of a part of it."""
+    def _add(self, part: str, value: str, allowed: str, alone: str = "") -> None:
+        """Add a fault of the innermost open element that is read, or of a part of it.
+
+        Args:
+            alone: What it is of where the format's faults name the element alone.
+        """
+        if not self._open[-1][2]:
+            return
         kind, name, inside = self._form.field, "", [one for one, _, _ in self._open[1:]]
-        if inside and inside[0].tag in ("link", "joint"):
+        if alone and not self._form.by_path:
+            kind, part, inside = alone, "", []
+        elif inside and inside[0].tag in ("link", "joint"):
             owner, *inside = inside
             kind, name = owner.tag, owner.get("name", "")
         words = " ".join(filter(None, (*(one.tag for one in inside), part)))
-        self._add_told(kind, name, words, value, allowed)
-
-    def _add_alone(self, kind: str, value: str, allowed: str) -> None:
-        """Add a fault of an element that is told without what it is in."""
-        if self._form.by_path:
-            self._add_told(self._form.field, "", kind, value, allowed)
-        else:
-            self._add_told(kind, "", "", value, allowed)
-
-    def _add_told(self, kind: str, name: str, part: str, value: str, allowed: str) -> None:
-        if self._is_told:
-            line = self.parser.CurrentLineNumber
-            self._faults.add(kind, name, part, value, allowed, line)
-            if len(self._faults) >= _MOST_FAULTS:
-                self._faults.refuse_if_any()
+        self._faults.add(kind, name, words, value, allowed, self.parser.CurrentLineNumber)
+        if len(self._faults) >= _MOST_FAULTS:
+            self._faults.refuse_if_any()
 
 
 def _offered(names: Iterable[str]) -> list[str]:
