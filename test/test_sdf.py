@@ -98,6 +98,35 @@ def test_an_sdf_is_the_body_that_the_same_urdf_is() -> None:
     assert urdf_of(URDF) == URDF
 
 
+def test_a_model_in_a_world_is_the_same_model() -> None:
+    """As simulators save it, with what is around it."""
+    around = "<gravity>0 0 -9.8</gravity><physics/><scene/><gui/><light name='sun'/><state/>"
+    world = SDF.replace('<model name="client">', f'<world name="w">{around}<model name="client">')
+    world = world.replace("</model>\n</sdf>", "</model></world></sdf>")
+    require_same(urdf_body(world, "it"), urdf_body(SDF, "it"))
+
+
+def test_an_axis_may_be_told_in_the_model_s_frame() -> None:
+    """By a word of its own before version 1.7, later by the name of that frame."""
+    turned = SDF.replace("<pose>0 -0.6 0 0 0 0</pose>", "<pose>0 -0.6 0 0.3 -0.5 0.7</pose>")
+    earlier = turned.replace("<axis>", "<axis><use_parent_model_frame>1</use_parent_model_frame>")
+    later = turned.replace("<xyz>", '<xyz expressed_in="__model__">')
+    require_same(urdf_body(earlier, "it"), urdf_body(later, "it"))
+    with pytest.raises(AssertionError):
+        require_same(urdf_body(earlier, "it"), urdf_body(turned, "it"))
+
+
+def test_a_joint_with_a_spring_alone_or_what_other_joints_have_is_a_robot_s() -> None:
+    """Pinocchio's reader refuses a `<dynamics>` with neither damping nor friction."""
+    limited = "<effort>1</effort><velocity>1</velocity></limit>"
+    spring = "<dynamics><spring_reference>0</spring_reference><spring_stiffness>0"
+    spring += "</spring_stiffness></dynamics>"
+    told = SDF.replace("</limit>", limited + spring)
+    told = told.replace("<axis>", "<thread_pitch>1</thread_pitch><axis2/><axis>")
+    robot = robot_from_urdf_text(told, "bus", "panel", geometry=Geometry.LINES)
+    assert (robot.joints, robot.notes) == (1, ())
+
+
 def test_damping_friction_and_springs_of_an_sdf_are_noted() -> None:
     """Beside torques, in which a plan does not count them."""
     dynamics = (
@@ -265,7 +294,12 @@ def test_a_robot_moves_about_the_axes_of_its_sdf(tmp_path: Path) -> None:
         ('version="1.9"', 'version="1.4"', "sdf version is '1.4': it must be from 1.5 on"),
         ('version="1.9"', "", "sdf version is ''"),
         ("<link name=", "<include/><link name=", "<include> is in <model>"),
-        ('<model name="client">', '<world name="w"/><model name="client">', "<world> is in <sdf>"),
+        ('<model name="client">', '<actor name="w"/><model name="client">', "<actor> is in <sdf>"),
+        (
+            '<model name="client">',
+            '<world><model name="a"/></world><model name="client">',
+            "2 models",
+        ),
         ("</model>\n</sdf>", '</model><model name="b"/></sdf>', "2 models"),
         ("<size>1 0.8 0.6</size>", "<size>1 0.8</size>", "link 'bus' collision box size"),
         ("<sphere><radius>0.1</radius></sphere>", "<plane/>", "<plane> is in <geometry>"),
@@ -278,10 +312,9 @@ def test_a_robot_moves_about_the_axes_of_its_sdf(tmp_path: Path) -> None:
         ('type="revolute"', 'type="ball"', "joint 'drive' is ball"),
         ("<parent>bus</parent>", "<parent>world</parent>", "joint 'drive' parent is world"),
         ("<axis>", "<axis><mimic joint='x'/>", "<mimic> is in <axis>"),
-        ("<axis>", "<axis2/><axis>", "<axis2> is in <joint>"),
+        ("<axis>", "<axis3/><axis>", "<axis3> is in <joint>"),
         ("<xyz>0 1 0</xyz>", "<xyz>0 1</xyz>", "joint 'drive' axis xyz is '0 1'"),
         ("<xyz>", "<xyz expressed_in='moon'>", "relative_to is 'moon'"),
-        ("<xyz>", "<use_parent_model_frame>1</use_parent_model_frame><xyz>", "expressed_in"),
         ("0 0.6 0 0 0 0", "0 0.6 0 0 0", "link 'panel' pose is '0 0.6 0 0 0'"),
         ("0 0.6 0 0 0 0", "0 0.6 0 0 0 1e400", "link 'panel' pose"),
         ('relative_to="root"', 'relative_to="moon"', "frame 'panel' relative_to is 'moon'"),
@@ -320,7 +353,7 @@ def test_what_a_urdf_cannot_say_or_nobody_can_read_is_refused_by_name(
 def test_all_faults_of_an_sdf_are_told_in_one_run_each_with_its_line() -> None:
     changes = (
         ("<mass>20</mass>", "<mass unit='g'>20</mass>", "<mass> is with an unknown 'unit'"),
-        ("<axis>", "<axis2/><axis>", "<axis2> is in <joint>"),
+        ("<axis>", "<axis3/><axis>", "<axis3> is in <joint>"),
         ("<xyz>0 1 0</xyz>", "<xyz>0 1</xyz>", "joint 'drive' axis xyz is '0 1'"),
         ('relative_to="root"', 'relative_to="moon"', "frame 'panel' relative_to is 'moon'"),
         ("<geometry><sphere>", "<geometry><box/><sphere>", "collision geometry is 2 shapes"),

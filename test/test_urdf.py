@@ -195,7 +195,11 @@ def test_a_urdf_with_a_fault_is_refused_by_the_name_of_what_is_at_fault(name: st
         ("chaser", "", "robot.tip_link is empty: it must be one of the URDF's links: chaser, end_"),
         ("body", "end_effector", "robot.base_link is body: it must be one of the URDF's links: c"),
         ("chaser", "hand", "robot.tip_link is hand: it must be one of the URDF's links: chaser, "),
-        ("chaser", "chaser", "robot.tip_link is chaser: it must hang on the base link 'chaser'"),
+        (
+            "chaser",
+            "chaser",
+            "robot.tip_link is chaser: it is the base link, and a robot has joints ",
+        ),
         ("link_3", "link_1", "robot.tip_link is link_1: it must hang on the base link 'link_3'"),
         ("link_1", "end_effector", "joint 'joint_1' is movable and carries the base link: make it"),
     ],

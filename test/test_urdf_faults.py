@@ -154,6 +154,14 @@ NOT_EXPANDED = "which is not expanded: run xacro first"
             within("joint", "<orign xyz='0 0 1'/>"),
             "with an unknown <orign>: it may hold origin, parent, child, axis, limit, mimic",
         ),
+        (within("joint", "<axes xyz='0 0 1'/>"), "with an unknown <axes>: it may hold origin"),
+        (within("link", "<Inertail/>"), "link 'chaser' is with an unknown <Inertail>"),
+        (within("link", "<mass value='3'/>"), "link 'chaser' is with an unknown <mass>"),
+        (within("link", "<extra><inertial/></extra>"), "<extra> is unknown, and holds <inertial>"),
+        (
+            within("inertia", "").replace("ixy=", "iyx='9' ixy=", 1),
+            "inertia iyx is 9: it must be ixy",
+        ),
         (within("inertial", "<pose>1 2 3 0 0 0</pose>"), "inertial is with an unknown <pose>"),
         (LEMUR.replace("<mass ", "<mass unit='g' "), "inertial mass is with an unknown 'unit'"),
         (within("joint", "<origin>1 2 3</origin>"), "origin text is '1 2 3': it must be in attr"),
@@ -184,6 +192,12 @@ def test_what_is_not_read_and_may_count_is_refused(
     ("tag", "written", "notes"),
     [
         ("robot", "<drake:ignore a='b'><drake:x/></drake:ignore>", "<drake:ignore> in <robot>"),
+        ("link", "<self_collide>false</self_collide>", ""),
+        (
+            "joint",
+            "<traits spring_k='2.5'/><controller_gains/>",
+            "<traits> in <joint>, <controller_gains> in <joint>",
+        ),
         ("robot", "<frame name='tcp'/><gazebo><link/></gazebo>", "<frame> in <robot>"),
         ("link", "<my:colour/><my:colour/>", "<my:colour> in <link>"),
         ("robot", "<transmission><joint name='joint_1'/><actuator/></transmission>", ""),
@@ -206,6 +220,14 @@ def test_what_is_not_read_and_cannot_count_is_at_most_a_note(
     assert robot.urdf == plain.urdf
     assert robot.drawn_urdf == plain.drawn_urdf
     assert robot.notes == ((f"not read: {notes}", *plain.notes) if notes else plain.notes)
+
+
+def test_an_inertia_may_have_its_mirrored_entries_too() -> None:
+    """As exporters write a symmetric matrix whole."""
+    text = re.sub(r'ixy="([^"]*)"', r'ixy="\1" iyx="\1"', LEMUR)
+    assert "iyx" in text
+    plain, robot = (robot_from_urdf_text(one, "chaser", "end_effector") for one in (LEMUR, text))
+    assert robot.urdf == plain.urdf
 
 
 def test_a_limit_that_no_plan_keeps_is_a_note() -> None:

@@ -113,8 +113,14 @@ HARMFUL: dict[str, tuple[Callable[[], str], str]] = {
         "robot.urdf is with <xacro:arm>, which is not expanded: run xacro first: xacro FILE ",
     ),
     "unknown elements alone": (
-        lambda: LEMUR.replace("<visual>", f"{'<a/>' * 500_000}<visual>", 1),
-        "robot.urdf is at fault in 10000 places: link 'chaser' is with an unknown <a>: it may hold",
+        lambda: LEMUR.replace("<visual>", f"{'<mass/>' * 500_000}<visual>", 1),
+        "robot.urdf is at fault in 10000 places: link 'chaser' is with an unknown <mass>: it may h",
+    ),
+    "unknown elements of many names": (
+        lambda: LEMUR.replace(
+            "<visual>", f"{''.join(f'<a{n}/>' for n in range(300_000))}<visual>", 1
+        ),
+        "robot.urdf is at fault in 10000 places: link 'chaser' is with an unknown <a1000>: it may ",
     ),
     "a pose as quaternion": (
         lambda: LEMUR.replace('xyz="1.5 0.1626', 'quat_xyzw="0 0 1 0" xyz="1.5 0.1626'),

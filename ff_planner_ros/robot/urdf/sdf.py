@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.collision.primitives import PRIMITIVES
-from ff_planner_ros.robot.urdf.sdf_model import SDF, Frames, words_of
+from ff_planner_ros.robot.urdf.sdf_model import MODEL, SDF, Frames, words_of
 from ff_planner_ros.robot.urdf.urdf_faults import (
     LARGEST,
     Faults,
@@ -65,13 +65,14 @@ def robot_of(sdf: Element, faults: Faults) -> Element:
     Raises:
         InvalidInput: There are faults.
     """
-    models = sdf.findall("model")
+    models = [*sdf.findall("model"), *sdf.findall("world/model")]
     if not (models or sdf.get("version")):
         faults.add("robot.urdf", "", "", "a <sdf>", "its outermost tag must be <robot>")
         faults.refuse_if_any()
     _check_version(sdf, faults)
     if len(models) != 1:
-        faults.add("robot.urdf", "", "", f"{len(models)} models", "an SDF must hold one <model>")
+        allowed = f"an SDF must hold one <model>, not {listed(map(_name, models)) or 'none'}"
+        faults.add("robot.urdf", "", "", f"{len(models)} models", allowed)
         faults.refuse_if_any()
     (model,) = models
     frames = Frames(model, faults)
@@ -84,6 +85,10 @@ def robot_of(sdf: Element, faults: Faults) -> Element:
         _add_joint(robot, joint, frames, links, used, faults)
     faults.refuse_if_any()
     return robot
+
+
+def _name(element: Element) -> str:
+    return element.get("name", "")
 
 
 def _check_version(sdf: Element, faults: Faults) -> None:
@@ -184,13 +189,12 @@ def _add_axis(made: Element, joint: Element, frames: Frames, faults: Faults) -> 
     if axis is None:
         faults.add("joint", name, "axis", "missing", "a joint that moves must have one")
         return
-    if words_of(axis.find("use_parent_model_frame")).lower() not in ("", "0", "false"):
-        allowed = "write the axis in the frame of the joint, or with expressed_in"
-        faults.add("joint", name, "axis use_parent_model_frame", "true", allowed)
     xyz = axis.find("xyz")
     text = words_of(xyz) or "0 0 1"
     numbers = finite_numbers(text)
     seen_from = "" if xyz is None else xyz.get("expressed_in", "")
+    if words_of(axis.find("use_parent_model_frame")).lower() not in ("", "0", "false"):
+        seen_from = MODEL  # as versions before 1.7 say it
     if len(numbers) != 3:
         value, allowed = repr(shortened(text)), "it must be three finite numbers"
         faults.add("joint", name, "axis xyz", value, allowed)

@@ -26,14 +26,14 @@ _UNREAD = {
         (
             *("allow_auto_disable", "enable_wind", "gravity", "kinematic", "max_contacts"),
             *("must_be_base_link", "physics", "plugin", "self_collide", "static", "surface"),
-            *("density", "gripper"),
+            *("contact", "density", "gripper"),
         ),
         _SIMULATOR,
     ),
     **dict.fromkeys(
         (
             *("audio_sink", "audio_source", "battery", "laser_retro", "light"),
-            *("particle_emitter", "projector", "sensor", "visual"),
+            *("material", "particle_emitter", "projector", "sensor", "visual"),
         ),
         _SENSES,
     ),
@@ -41,6 +41,17 @@ _UNREAD = {
     "stiffness": "a limit stops a joint at once",
     "velocity_decay": "nothing slows a body down in orbit",
 }
+_OF_OTHER_JOINTS = dict.fromkeys(
+    ("axis2", "gearbox_ratio", "gearbox_reference_body", "screw_thread_pitch", "thread_pitch"),
+    "they count for joints of types that are refused",
+)
+_AROUND = dict.fromkeys(
+    (
+        *("atmosphere", "audio", "gui", "magnetic_field", "road", "scene", "spherical_coordinates"),
+        *("state", "wind", "@name"),
+    ),
+    "a model is the same in any world",
+)
 
 
 def _row(*attributes: str, **parts: Tag) -> Tag:
@@ -80,7 +91,12 @@ _NAMED_PARTS = {
             pose=_POSE,
         )
     ),
-    "joint": _several(_row("name", "type", parent=_TEXT, child=_TEXT, axis=_AXIS, pose=_POSE)),
+    "joint": _several(
+        replace(
+            _row("name", "type", parent=_TEXT, child=_TEXT, axis=_AXIS, pose=_POSE),
+            unread=_UNREAD | _OF_OTHER_JOINTS,
+        )
+    ),
     "frame": _several(_row("name", "attached_to", pose=_POSE)),
 }
 _WHERE = "where a model is in its world is told by the state"
@@ -92,7 +108,11 @@ _MODEL = Tag(
 )
 SDF = Format(
     "sdf",
-    Tag(("version",), {"model": _MODEL}, _UNREAD),
+    Tag(
+        ("version",),
+        {"model": _MODEL, "world": Tag((), {"model": _MODEL}, _UNREAD | _AROUND)},
+        _UNREAD,
+    ),
     most=50_000,
     told_most="50000 elements",
     counted=float("inf"),

@@ -149,7 +149,10 @@ def _chain(
     if base_link is None or tip_link is None or not known:
         return None
     chain = tree.chain(base_link, tip_link)
-    if chain is None and not broken:
+    if base_link == tip_link:
+        allowed = "it is the base link, and a robot has joints between the two; a body has none"
+        faults.add("robot.tip_link", "", "", tip_link, allowed)
+    elif chain is None and not broken:
         allowed = f"it must hang on the base link {shortened(base_link)!r}"
         faults.add("robot.tip_link", "", "", tip_link, allowed)
     return chain

@@ -186,10 +186,12 @@ def _told(faults: list[Fault]) -> str:
 def _of_one_kind(faults: list[Fault], names_at_most: int, lines_at_most: int) -> str:
     first, *others = faults
     lines = [fault.line if number < lines_at_most else 0 for number, fault in enumerate(faults)]
+    named = [repr(shortened(fault.name)) if fault.name else "" for fault in others]
     also = [
-        repr(shortened(fault.name)) + (f" on {line}" if line else "")
-        for fault, line in zip(others[: names_at_most - 1], lines[1:], strict=False)
+        (name + (f" on {line}" if line else "")).strip()
+        for name, line in zip(named[: names_at_most - 1], lines[1:], strict=False)
     ]
+    also = [one for one in also if one]
     left_out = len(others) - len(also)
     also = [", ".join(also)] * bool(also) + [f"{left_out} more"] * bool(left_out)
     told = [f"line {lines[0]}"] * bool(lines[0]) + [f"likewise {' and '.join(also)}"] * bool(also)

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.urdf.sdf import robot_of
 from ff_planner_ros.robot.urdf.sdf_model import SDF
-from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, finite_numbers, listed, shortened
 from ff_planner_ros.robot.urdf.xml_reader import MAX_CHARACTERS as MAX_CHARACTERS
 from ff_planner_ros.robot.urdf.xml_reader import Format, Tag, read_xml
 
@@ -52,11 +52,13 @@ _SHAPE = Tag(
     several=True,
 )
 _VISUAL = replace(_SHAPE, is_quiet=True, means="drawn, and kept clear of nothing")
+# Entries of an inertia, which is symmetric, and those that must be the same where they are given.
+_MIRRORED = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
 _INERTIAL = Tag(
     parts={
         "origin": _ORIGIN,
         "mass": Tag(("value",)),
-        "inertia": Tag(("ixx", "iyy", "izz", "ixy", "ixz", "iyz")),
+        "inertia": Tag(("ixx", "iyy", "izz", "ixy", "ixz", "iyz", *_MIRRORED)),
     }
 )
 _LINK = Tag(
@@ -65,7 +67,7 @@ _LINK = Tag(
     _of(_CONTACT, "contact", "contact_coefficients", "surface")
     | _of(_LOOKS, "material", "sensor")
     | _of(_SIMULATOR, "collision_checking", "gazebo", "gravity", "kinematic")
-    | _of(_SRDF_SAYS, "self_collision_checking", "self_filter"),
+    | _of(_SRDF_SAYS, "self_collide", "self_collision", "self_collision_checking", "self_filter"),
     several=True,
 )
 _NOT_KEPT = "plans do not keep it; the parameter `limits.acceleration` limits accelerations"
@@ -125,7 +127,10 @@ _ROBOT = Tag(
     | _of(_SIMULATOR, "gazebo", "transmission")
     | _of("those of a recorded URDF are read like an SRDF's", *_TOUCHING),
 )
-_KNOWN = frozenset((*_TOUCHING, *(path.rpartition("/")[2] for path, _ in _ROBOT.within("robot"))))
+# Also a `<pose>`, as an SDF has it.
+_KNOWN = frozenset(
+    ("pose", *_TOUCHING, *(path.rpartition("/")[2] for path, _ in _ROBOT.within("robot")))
+)
 URDF = Format(
     "robot",
     _ROBOT,
@@ -185,7 +190,21 @@ def read_elements(text: str, faults: Faults) -> Element:
         InvalidInput: The text is no XML, another document, a xacro file, too large, or declares
             entities, say; or it is an SDF with faults.
     """
-    return _read(text, URDF, faults, in_parts=True)
+    robot = _read(text, URDF, faults, in_parts=True)
+    for link in robot.iterfind("link"):
+        for inertia in link.iterfind("inertial/inertia"):
+            _drop_mirrored(link.get("name", ""), inertia, faults)
+    return robot
+
+
+def _drop_mirrored(link: str, inertia: Element, faults: Faults) -> None:
+    """Drop the entries of an inertia that are there twice; add a fault of one that differs."""
+    for name, other in _MIRRORED.items():
+        text = inertia.attrib.pop(name, None)
+        if text is None or finite_numbers(text) == finite_numbers(inertia.get(other, "")) != []:
+            continue
+        allowed = f"it must be {other}, {shortened(inertia.get(other, 'missing'))}"
+        faults.add("link", link, f"inertia {name}", shortened(text), allowed, inertia)
 
 
 def read_shapes(text: str, faults: Faults | None = None) -> Element:
@@ -219,8 +238,9 @@ def _read(
     formats = {form.root: form} if form.field == SRDF_FIELD else {form.root: form, SDF.root: SDF}
     read = read_xml(text, formats, faults, in_parts, told_in)
     robot = robot_of(read, faults) if read.tag == SDF.root else read
-    for link in robot.iterfind("link[collision]") if in_parts else ():  # of an SDF
-        for collision in link.findall("collision"):
-            link.remove(collision)
+    for owner, tag in (("link", "collision"), ("joint", "dynamics")) if in_parts else ():
+        for element in robot.iterfind(f"{owner}[{tag}]"):  # of an SDF
+            for part in element.findall(tag):
+                element.remove(part)
     robot.set("name", robot.get("name") or "robot")
     return robot

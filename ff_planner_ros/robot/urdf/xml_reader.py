@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import NoReturn, TypeAlias
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
@@ -23,8 +24,15 @@ MAX_CHARACTERS = 4_000_000
 # pairs of links.
 _MOST_ALIKE = 100_000
 _MOST_FAULTS = 10_000
-# Part of recorded URDFs, and attribute that is refused with words of its own: no fault offers them.
-_NOT_OFFERED = frozenset(("locked", "quat_xyzw"))
+# Part of recorded URDFs, attribute that is refused with words of its own, and entries that are
+# there already: no fault offers them.
+_NOT_OFFERED = frozenset(("locked", "quat_xyzw", "iyx", "izx", "izy"))
+
+# Elements of robots that simulators and controllers extend by parts of their own.
+_EXTENDED = frozenset(("link", "joint"))
+# As alike as `<orign>` and `<origin>`, `<axes>` and `<axis>`: by the ratio of `difflib`.
+_MISSPELT = 0.75
+_MOST_EXTENSIONS = 1000  # names of these; no robot has as many
 
 # Elements of xacro's that needed no prefix once.
 _XACRO, _OLD_XACRO = "xacro", frozenset(("include", "macro", "property"))
@@ -122,6 +130,7 @@ class _Reader:
         self._passed_over = 0  # elements open, the innermost ones
         self._unknown = ""  # the outermost of those, while nothing but a note is due
         self._alike, self._count = Counter[str](), 0
+        self._extensions = set[str]()  # names of unknown elements that are not misspelt
         self._prefixes: tuple[str, ...] = (f"{_XACRO}:",)
         self.root = Element("")
         self.parser = expat.ParserCreate("utf-8")
@@ -241,7 +250,8 @@ class _Reader:
 
     def _tell_unknown(self, owner: Element, row: Tag, tag: str, attributes: dict[str, str]) -> None:
         told, form = f"<{shortened(tag)}>", self._form
-        is_known = tag in form.known or not (form.by_path and owner is self.root)
+        is_open = owner is self.root or owner.tag in _EXTENDED
+        is_known = not (form.by_path and is_open) or self._is_known(owner, tag)
         if tag in row.noted or not is_known or (":" in tag and owner.tag != "geometry"):
             self._unknown = "" if tag in row.noted else told
             if form.by_path or tag in row.noted:
@@ -255,6 +265,18 @@ class _Reader:
         places = (number for text in attributes.values() for number in finite_numbers(text))
         if (owner.tag, tag) != ("link", "origin") or any(places):  # as onshape-to-robot writes it
             self._add("", f"with an unknown {told}", f"it may hold {offered or 'no elements'}")
+
+    def _is_known(self, owner: Element, tag: str) -> bool:
+        """Tell whether an element is one of a format's, perhaps misspelt, and no extension.
+
+        What is directly in `<robot>` may have any name that is not one of these.
+        """
+        if owner is self.root or tag in self._form.known:
+            return tag in self._form.known
+        if tag not in self._extensions and len(self._extensions) < _MOST_EXTENSIONS:
+            alike = get_close_matches(tag.lower(), self._form.known, cutoff=_MISSPELT)
+            self._extensions |= set() if alike else {tag}
+        return tag not in self._extensions
 
     def _tell_unknown_attribute(self, element: Element, row: Tag, name: str) -> None:
         form, told = self._form, shortened(name)
