@@ -1,6 +1,7 @@
 """The solids that a URDF's `<collision>` elements describe, against Pinocchio's own reading."""
 
 import pickle
+import re
 
 import coal
 import numpy as np
@@ -10,6 +11,7 @@ from robots import random_urdf
 
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.urdf_body import urdf_body
 from ff_planner_ros.robot.model import robot_from_urdf_text
 
 ENDS = ("bus", "tool")
@@ -128,7 +130,7 @@ def test_a_robot_with_bodies_can_be_sent_to_another_process() -> None:
     ("solid", "words"),
     [
         ("<sphere/>", "link 'bus' collision sphere radius is missing: it must be one number"),
-        ('<sphere radius="0"/>', "collision sphere radius is '0'"),
+        ('<cylinder radius="0" length="1"/>', "collision cylinder radius is '0'"),
         ('<box size="1 2"/>', "collision box size is '1 2': it must be 3 numbers"),
         ('<box size="1 2 nan"/>', "collision box size is '1 2 nan'"),
         ('<cylinder radius="1"/>', "collision cylinder length is missing"),
@@ -147,3 +149,32 @@ def test_more_bodies_than_a_robot_has_are_refused() -> None:
     sphere = '<sphere radius="0.1"/>'
     with pytest.raises(InvalidInput, match="<collision> is there 308 times: it may be at most 300"):
         robot_from_urdf_text(with_collisions(SHAPES | {"link_1": 302 * [sphere]}), *ENDS)
+
+
+POINTS = ['<box size="0 0 0"/>', '<sphere radius="0.0"/>']
+
+
+def test_solids_without_extent_are_named_and_keep_nothing_clear() -> None:
+    """As simulators have them at frames and contacts."""
+    plain = robot_from_urdf_text(with_collisions(SHAPES), *ENDS)
+    pointed = SHAPES | {"link_1": [*SHAPES["link_1"], *POINTS], "tool": POINTS[:1]}
+    text = with_collisions(pointed)
+    robot = robot_from_urdf_text(text, *ENDS)
+    assert [body.name for body in robot.bodies] == [body.name for body in plain.bodies]
+    assert robot.pairs == plain.pairs
+    (note,) = set(robot.notes) - set(plain.notes)
+    for told in ("<box> of link link_1", "<sphere> of link link_1", "<box> of link tool"):
+        assert f"{told}, without extent" in note
+    assert len(urdf_body(text, "it").solids) == len(plain.bodies)
+
+
+def test_an_arm_whose_only_solids_have_no_extent_is_planned_with_lines() -> None:
+    robot = robot_from_urdf_text(with_collisions({"tool": POINTS}), *ENDS)
+    assert robot.geometry is Geometry.LINES
+    assert "<box> of link tool, without extent" in robot.notes[0]
+
+
+def test_of_a_robot_at_one_point_no_inertia_is_too_wide() -> None:
+    """Nothing says how large it is."""
+    text = re.sub(r'xyz="[^"]*"(?= rpy)', 'xyz="0 0 0"', random_urdf(joints=3, seed=1))
+    assert robot_from_urdf_text(text, *ENDS).notes == ()

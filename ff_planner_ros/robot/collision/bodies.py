@@ -16,7 +16,7 @@ from ff_planner_ros.robot.collision.primitives import PRIMITIVES, primitive_of, 
 from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.urdf_bodies import placement
-from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, finite_numbers, listed, shortened
 
 
 def _settle_boxes() -> None:
@@ -61,6 +61,26 @@ class Body:
     def stretches(self) -> bool:
         """Whether it is a centre line whose length follows the next joint."""
         return bool(self.slide_in_joint.any())
+
+
+def drop_points(robot: Element, faults: Faults) -> None:
+    """Drop solids without any extent, which simulators have at frames and contacts; note them.
+
+    Args:
+        robot: As of `bodies_of`.
+        faults: Collects the notes.
+    """
+    for link in robot.findall("link"):
+        for collision in link.findall("collision"):
+            shape = collision.find("geometry/*")
+            if shape is None or shape.tag not in PRIMITIVES:
+                continue
+            texts = (shape.get(name, "") for name in PRIMITIVES[shape.tag].sizes)
+            sizes = [size for text in texts for size in finite_numbers(text)]
+            if sizes and not any(sizes):
+                link.remove(collision)
+                told = f"<{shape.tag}> of link {shortened(str(link.get('name')))}, without extent"
+                faults.unread[told] = None
 
 
 def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) -> tuple[Body, ...]:

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, InvalidInputs, Status
-from ff_planner_ros.robot.collision.bodies import solids_of
+from ff_planner_ros.robot.collision.bodies import drop_points, solids_of
 from ff_planner_ros.robot.collision.solids import Solid, solid_of
 from ff_planner_ros.robot.urdf.locked_joints import (
     NOTHING_HELD,
@@ -120,7 +120,9 @@ def _read(
         raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", f"of {weight.mass:g} kg", allowed)
     solids = list[PlacedSolid]()
     center, meshes = pin.SE3(np.eye(3), -weight.center), Meshes(directory)
-    for name, link, geometry, place in solids_of(read_shapes(text, faults), meshes, faults):
+    shapes = read_shapes(text, faults)
+    drop_points(shapes, faults)
+    for name, link, geometry, place in solids_of(shapes, meshes, faults):
         solids.append(PlacedSolid(name, solid_of(geometry), center * places[link] * place))
     faults.refuse_if_any()
     reaches = [

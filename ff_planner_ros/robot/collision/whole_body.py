@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.collision.bodies import Body, bodies_of
+from ff_planner_ros.robot.collision.bodies import Body, bodies_of, drop_points
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.pairs import Pairs, always_touching, neighbours, pairs_of
 from ff_planner_ros.robot.shapes import with_shapes
@@ -57,6 +57,7 @@ def whole_body(
     """
     faults = Faults()
     solids, drawn = read_shapes(text, faults), with_shapes(checked, text)
+    drop_points(solids, faults)
     joints = _joints_with_solids(solids, model)
     on_arm = any(joint > 1 for joint in joints.values())
     if geometry is Geometry.SHAPES and not on_arm:
@@ -65,7 +66,8 @@ def whole_body(
     if geometry is Geometry.LINES or not on_arm:
         only_chaser = joints and not on_arm
         note = "no link of the arm has a <collision>: its centre lines are kept clear of obstacles"
-        notes = [*_wide(ElementTree.fromstring(checked), model, ())]
+        notes = [] if geometry is Geometry.LINES else faults.notes
+        notes += [*_wide(ElementTree.fromstring(checked), model, ())]
         notes += [note] if only_chaser else []
         if srdf is not None:
             notes.append("robot.srdf is not read: robot.geometry is lines")
@@ -157,7 +159,8 @@ def _wide(robot: Element, model: pin.Model, bodies: tuple[Body, ...]) -> list[st
         sizes[body.joint] = max(sizes.get(body.joint, 0.0), 2.0 * float(reach))
     found, known = [], {body.link: sizes[body.joint] for body in bodies}
     for link in robot.findall("link[inertial]"):
-        found += too_wide(link, known.get(str(link.get("name")), whole))
+        if size := known.get(str(link.get("name")), whole):  # zero: of no size that is known
+            found += too_wide(link, size)
     return found
 
 
