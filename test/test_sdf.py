@@ -98,6 +98,16 @@ def test_an_sdf_is_the_body_that_the_same_urdf_is() -> None:
     assert urdf_of(URDF) == URDF
 
 
+def test_a_robot_of_an_sdf_has_the_bodies_that_the_same_urdf_has() -> None:
+    limited = "<effort>1</effort><velocity>1</velocity></limit>"
+    told = SDF.replace("</limit>", limited)
+    ours, same = (robot_from_urdf_text(text, "bus", "panel") for text in (told, urdf_of(told)))
+    assert ours.geometry is Geometry.SHAPES
+    names = [body.name for body in ours.bodies]
+    assert names == [body.name for body in same.bodies] == ["bus", "bus#2", "panel", "antenna"]
+    assert ours.pairs == same.pairs
+
+
 def test_a_model_in_a_world_is_the_same_model() -> None:
     """As simulators save it, with what is around it."""
     around = "<gravity>0 0 -9.8</gravity><physics/><scene/><gui/><light name='sun'/><state/>"

@@ -54,6 +54,8 @@ def read_srdf(text: str, links: Collection[str], faults: Faults, field: str = "r
     disabled, enabled, of_any = list[MayTouch](), set[Links](), list[str]()
     robot = read_collisions(text, field, faults)
     for element in robot:
+        if element.tag not in (DISABLE, DISABLE_ALL, ENABLE):
+            continue  # of an SDF, which says nothing of this
         keys = ("link",) if element.tag == DISABLE_ALL else ("link1", "link2")
         names = [element.get(key, "") for key in keys]
         for name in names:
