@@ -21,10 +21,13 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.robot_file import RobotFile
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.collision.urdf_body import urdf_body
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 from ff_planner_ros.robot.urdf.urdf_bodies import nearest_possible
 from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
+from ff_planner_ros.simulation.engine import Engine
 
 LEMUR = LEMUR_URDF.read_text()
 # As ETS-VII's first links have it, and as a link of TECSAS
@@ -100,6 +103,34 @@ def test_as_given_counts_what_is_written_and_notes_it() -> None:
     assert note.endswith("which no body has: it counts as written")
     data, q = robot.model.createData(), pin.neutral(robot.model)
     assert np.linalg.eigvalsh(pin.crba(robot.model, data, q)).min() > 0.0
+
+
+def test_an_inertia_as_given_moves_in_mujoco_as_in_pinocchio() -> None:
+    """Its compiler would refuse it. The link's inertia is in axes of its own."""
+    text = with_inertia("link_3", BEYOND_THE_TRIANGLE)
+    turned = re.sub(
+        r'(<link name="link_3">.*?<origin [^>]*?)(/>\s*<mass)',
+        r'\1 rpy="0.4 -0.3 1.1"\2',
+        text.replace(' rpy="0.0 0.0 0.0"', ""),
+        count=1,
+        flags=re.DOTALL,
+    )
+    assert turned.count("0.4 -0.3 1.1") == 1
+    robot = robot_of(turned, AS_GIVEN)
+    rng = np.random.default_rng(3)
+    state = SystemState(
+        rng.normal(size=3),
+        Rotation.random(random_state=rng).as_quat(),
+        *rng.normal(size=(2, 3)),
+        *rng.normal(size=(2, 7)),
+    )
+    data, (q, v) = robot.model.createData(), configuration(robot, state)
+    pin.computeCentroidalMomentum(robot.model, data, q, v)
+    center = pin.centerOfMass(robot.model, data, q)
+    engine = Engine(robot)
+    seen = engine.observe(engine.state(state)).momentum
+    linear, angular = data.hg.linear, data.hg.angular + np.cross(center, data.hg.linear)
+    np.testing.assert_allclose(seen, [*linear, *angular], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("inertia", [NONE, NEGATIVE])

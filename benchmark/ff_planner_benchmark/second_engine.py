@@ -14,12 +14,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import angular_momenta
 from ff_planner_ros.robot.urdf.payload import payload_frame
+from ff_planner_ros.robot.urdf.urdf_xml import INERTIA, InertiaChoice
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
 try:  # others have Drake from here: what its absence means is told once
@@ -79,6 +80,9 @@ def flown_in_drake(
     Args:
         finer: Factor of the number of samples of the torques.
     """
+    if ElementTree.fromstring(robot.drawn_urdf).get(INERTIA) == InertiaChoice.AS_GIVEN:
+        allowed = "Drake counts possible inertias alone, as with nearest_possible"
+        raise InvalidInput(Status.UNSUPPORTED, "robot.inertia", InertiaChoice.AS_GIVEN, allowed)
     is_held = robot.base is Base.ATTITUDE_HELD
     to_base = Rotation.from_matrix(robot.rotation_chaser_to_base)
     attitudes = Rotation.from_quat(trajectory.chaser_quaternions_xyzw)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from ff_planner_ros.common.shown import shown
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.urdf_xml import INERTIA, InertiaChoice
 
 try:
     import mujoco as mujoco  # others have it from here: what its absence means is told once
@@ -246,6 +248,7 @@ def specification(urdf: str, slides: bool = False) -> tuple[mujoco.MjSpec, dict[
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(tree, encoding="unicode"))
     except ValueError as error:
         raise _refused(error) from None
+    spec.comment = tree.get(INERTIA, "")
     spec.compiler.fusestatic = False  # else links fixed to others lose their names
     root = spec.worldbody.first_body()
     if slides:
@@ -262,12 +265,37 @@ def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
     Raises:
         InvalidInput: MuJoCo refuses the specification.
     """
+    given = dict(_beyond_the_triangle(spec)) if spec.comment == InertiaChoice.AS_GIVEN else {}
     with warnings.catch_warnings():  # what is nearly singular is seen in the numbers
         warnings.simplefilter("ignore")
         try:
-            return spec.compile()
+            model = spec.compile()
         except ValueError as error:
             raise _refused(error) from None
+    for name, (moments, to_link) in given.items():
+        model.body(name).inertia[:] = moments
+        model.body(name).iquat[:] = np.roll(to_link.as_quat(), 1)
+    if given:
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def _beyond_the_triangle(spec: mujoco.MjSpec) -> Iterator[tuple[str, tuple[Array, Rotation]]]:
+    """Yield links with positive moments that no body has, and give them those of a ball.
+
+    The compiler refuses them, and the equations of motion do not: see `robot.inertia`.
+    """
+    for body in spec.bodies:
+        xx, yy, zz, xy, xz, yz = body.fullinertia
+        if not (body.explicitinertial and np.isfinite(xx)):
+            continue
+        moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if moments[0] > 0.0 and moments[2] > moments[0] + moments[1]:
+            axes[:, 0] *= np.linalg.det(axes)  # right-handed
+            in_link = Rotation.from_quat(np.roll(body.iquat, -1)) * Rotation.from_matrix(axes)
+            yield body.name, (moments, in_link)
+            body.fullinertia = [np.nan, 0.0, 0.0, 0.0, 0.0, 0.0]
+            body.inertia = np.full(3, moments[2])
 
 
 def _refused(error: ValueError) -> InvalidInput:
