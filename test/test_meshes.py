@@ -12,13 +12,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from robots import random_urdf
+from scipy.optimize import nnls
+from scipy.spatial import ConvexHull
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
-from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES
+from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES, convex_solid
 
 ENDS = ("bus", "tool")
 RNG = np.random.default_rng(5)
@@ -173,7 +175,8 @@ def test_a_hull_of_very_many_corners_is_simplified_to_one_that_holds_it(
     robot = loaded(tmp_path, '<mesh filename="ball.stl"/>')
     hull = body_of(robot).solid
     assert hull.num_points <= MAX_VERTICES
-    assert any("ball.stl" in note and "simplified" in note for note in robot.notes)
+    (told,) = [note for note in robot.notes if "ball.stl" in note and "simplified" in note]
+    assert re.search(r"at most 0.0\d+ of its width and 0.0\d+ of its volume larger", told)
     corners = np.unique(given.astype(np.float32).reshape(-1, 3), axis=0)
     for normal, offset in zip(hull.normals(), hull.offsets(), strict=True):
         assert (corners @ normal + offset).max() <= 1e-7
@@ -307,3 +310,51 @@ def test_a_file_on_many_links_is_read_once(tmp_path: Path) -> None:
     robot = load_robot(tmp_path / "arm.urdf", *ENDS)
     bus, link = body_of(robot, "bus").solid, body_of(robot).solid
     np.testing.assert_allclose(link.points(), 0.1 * bus.points(), rtol=1e-12)
+
+
+def tube(count: int) -> Array:
+    """Corners of a long cylinder."""
+    turn = np.linspace(0.0, 2.0 * np.pi, count // 2, endpoint=False)
+    ring = np.stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), np.ones_like(turn)], axis=1)
+    return np.concatenate([ring, ring * [1.0, 1.0, -1.0]])
+
+
+def pyramid(count: int) -> Array:
+    """Corners of a base, and the apex, whose edges are more than Coal takes at one corner."""
+    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    base = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
+    return np.vstack([base, [0.0, 0.0, 0.5]])
+
+
+def far(count: int) -> Array:
+    """A small ball far away, where single precision is coarse."""
+    points = RNG.normal(size=(count, 3))
+    return np.array(0.01 * points / np.linalg.norm(points, axis=1)[:, None] + [900.0, -500.0, 3.0])
+
+
+@pytest.mark.parametrize("shape", [tube, pyramid, far])
+def test_a_simplified_solid_is_as_near_as_the_mesh_or_nearer_by_what_its_note_says(
+    shape: Callable[[int], Array],
+) -> None:
+    """Distances of a ball, by Coal, against those of the mesh's whole hull by least squares."""
+    points = shape(3000).astype(np.float32).astype(float)
+    whole = ConvexHull(points)
+    corners, solid, growth = convex_solid(points, np.ones(3))
+    simple = ConvexHull(corners)
+    assert len(corners) < 500
+    assert growth < 0.03
+    assert whole.volume <= simple.volume <= (1.0 + growth) ** 3 * whole.volume
+    middle, size = points.mean(axis=0), np.ptp(points, axis=0).max()
+    ball, here, wanted = coal.Sphere(0.1 * size), coal.Transform3s(), coal.DistanceRequest()
+    for way in RNG.normal(size=(50, 3)):
+        center = middle + 2.0 * size * way / np.linalg.norm(way)
+        found = coal.DistanceResult()
+        coal.distance(solid, here, ball, coal.Transform3s(np.eye(3), center), wanted, found)
+        true = distance_from_hull(points[whole.vertices] - center) - ball.radius
+        assert true - growth * size - 1e-6 * size <= found.min_distance <= true + 1e-9 * size
+
+
+def distance_from_hull(points: Array) -> float:
+    """Distance of the origin from the hull of points around which it is not."""
+    weights, _ = nnls(np.vstack([points.T, np.ones(len(points))]), np.array([0.0, 0.0, 0.0, 1.0]))
+    return float(np.linalg.norm(points.T @ (weights / weights.sum())))

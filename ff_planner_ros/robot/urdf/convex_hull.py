@@ -17,8 +17,9 @@ SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
 _THINNEST = 1e-6
 # Hulls of robots have a few hundred corners; each costs time in every distance query.
 MAX_VERTICES = 1000
-# Directions in which a simplified hull touches the original: it has at most twice as many vertices.
-_DIRECTIONS = 300
+# Directions whose furthest points are corners of a simplified hull, besides six along axes; with
+# the fewer ones, no corner has more than 255 edges, which is all that Coal takes.
+_DIRECTIONS = (400, 249)
 # Of more points, those well inside are removed first; if there are still more, the exact hull is
 # not tried: Qhull's time grows with the square of the corners of a face.
 _MANY = 10_000
@@ -31,8 +32,9 @@ class NoSolid(ValueError):
 def convex_solid(points: Array, scale: Array) -> tuple[Array, coal.Convex, float]:
     """Return the corners of a convex solid that holds points, the scaled solid, and its growth.
 
-    The solid is the convex hull, or, if that has too many corners, a simpler one around it. Growth
-    is by how much that is larger, relative to its width. Corners of a solid are returned unchanged.
+    The solid is the convex hull, or, if that has too many corners, some of them, moved away from
+    their middle until their hull holds all points. Growth is by which part of its width that solid
+    is larger, at most. Corners of a solid are returned unchanged.
 
     Args:
         points: Before scaling; shape (points, 3).
@@ -41,18 +43,17 @@ def convex_solid(points: Array, scale: Array) -> tuple[Array, coal.Convex, float
     Raises:
         ValueError: A `NoSolid`: the points lie in a plane, say.
     """
-    points, growth = once(points), 0.0
-    for _ in range(2):
-        _require_solid(points * scale)
-        boxes = Boxes(points)
-        corners = _corners(points, boxes, scale)
+    points = once(points)
+    seen = scale[:, None] * _principal(points * scale)
+    boxes = Boxes(points)
+    corners, growth = _corners(points, boxes, scale), 0.0
+    for directions in (*_DIRECTIONS, 0):
         if corners is not None:
             with suppress(RuntimeError):  # an edge fan of more than 255 at one corner
                 return corners, _convex(corners * scale), growth
-        around = _around(points * scale, boxes, scale) / scale
-        simple = once(around.astype(np.float32).astype(float))
-        growth = _growth(boxes, scale, simple * scale)
-        points = simple
+        if directions:
+            simple, growth = _simpler(points, boxes, seen, directions)
+            corners = _corners(simple, Boxes(simple), scale)
     raise NoSolid("its convex hull cannot be simplified")
 
 
@@ -64,26 +65,29 @@ def _convex(corners: Array) -> coal.Convex:
 
 
 def once(points: Array) -> Array:
-    """Return the rows sorted, without duplicates."""
-    points = points[np.lexsort(points.T)] + 0.0  # no negative zeros
-    new = np.ones(len(points), bool)
-    new[1:] = (points[1:] != points[:-1]).any(axis=1)
-    return np.array(points[new])
+    """Return the rows sorted by z, then y, then x, without duplicates."""
+    points = points + 0.0  # no negative zeros
+    steps = np.diff(points[:, ::-1], axis=0)
+    first = (steps != 0.0).argmax(axis=1)
+    if (np.take_along_axis(steps, first[:, None], axis=1) > 0.0).all():
+        return points
+    points = points[np.lexsort(points.T)]
+    return points[np.r_[True, (points[1:] != points[:-1]).any(axis=1)]] if len(points) else points
 
 
-def _require_solid(points: Array) -> None:
-    """Refuse points that have no hull: Coal would crash."""
+def _principal(points: Array) -> Array:
+    """Return the principal axes in units of the widths, as columns; refuse points without a hull.
+
+    Coal would crash.
+    """
     if not len(points) or not (np.abs(points) <= LARGEST_SIZE).all():
         raise NoSolid(f"it must have vertices, none further than {LARGEST_SIZE:g} m")
-    extents = np.ptp(points @ _axes(points), axis=0)
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.eigh(centred.T @ centred)[1]
+    extents = np.ptp(points @ axes, axis=0)
     if extents.min() < max(SMALLEST_SIZE, _THINNEST * extents.max()):
         raise NoSolid("it is flat, and has no volume: a thin <box> says how thick it is")
-
-
-def _axes(points: Array) -> Array:
-    """Return the principal axes, as columns."""
-    centred = points - points.mean(axis=0)
-    return np.array(np.linalg.eigh(centred.T @ centred)[1])
+    return np.array(axes / extents)
 
 
 def _corners(points: Array, boxes: Boxes, scale: Array) -> Array | None:
@@ -111,8 +115,8 @@ def _corners(points: Array, boxes: Boxes, scale: Array) -> Array | None:
 
 def _outer(boxes: Boxes, scale: Array) -> Array | None:
     """Return points not inside the hull of the outermost ones; None: more than `_MANY`."""
-    outermost = once(boxes.outermost(_ways(_DIRECTIONS) * scale)) * scale
-    _require_solid(outermost)
+    outermost = once(boxes.outermost(_ways(_DIRECTIONS[0]) * scale)) * scale
+    _principal(outermost)  # refused if flat
     planes = _hull(outermost).equations * [*scale, 1.0] + [0.0, 0.0, 0.0, _THINNEST]
     outside = boxes.outside(planes, _MANY)
     return None if outside is None else once(outside)
@@ -125,31 +129,27 @@ def _hull(points: Array) -> Any:
     return ConvexHull(points)
 
 
-def _around(points: Array, boxes: Boxes, scale: Array) -> Array:
-    """Return the corners of the solid between planes that touch the points from outside.
+def _simpler(points: Array, boxes: Boxes, seen: Array, directions: int) -> tuple[Array, float]:
+    """Return corners of a solid that holds points, before scaling, and its growth.
 
-    For planes n.(x - c) = h about an inner point c, the solid's corners are dual to the faces of
-    the hull of the points n / h. Directions are chosen along principal axes in units of the widths,
-    in which a long tube is as round as a ball.
+    Corners are the furthest points in some directions. About an inner point c, the planes
+    n.(x - c) = h of their hull become those of a solid that holds all points by the factor
+    max(H / h), where H is the furthest of all points along n. Points are seen along principal axes
+    in units of the widths, in which a long tube is as round as a ball.
 
     Args:
-        points: After scaling.
-        boxes: The points before scaling.
+        seen: Those axes of scaled points, as columns, each element times the scale of its row.
     """
-    ways, axes = _ways(_DIRECTIONS), _axes(points)
-    widths = np.ptp(points @ axes, axis=0)
-    seen = scale[:, None] * axes / widths
-    furthest = boxes.outermost(ways @ seen.T) @ seen
-    center = furthest.mean(axis=0)
-    reach = ((furthest - center) * ways).sum(axis=1)
-    dual = _convex(ways / reach[:, None])
-    corners = dual.points()
-    faces = [dual.polygons(i) for i in range(dual.num_polygons)]
-    planes = np.array([[corners[face[k]] for k in range(3)] for face in faces])
-    normal = np.cross(planes[:, 1] - planes[:, 0], planes[:, 2] - planes[:, 0])
-    height = np.einsum("ij,ij->i", normal, planes[:, 0])
-    outside = normal / height[:, None] * (1.0 + _THINNEST)  # more than float32 rounds
-    return np.array((center + outside) * widths @ axes.T)
+    corners = once(boxes.outermost(_ways(directions) @ seen.T)) @ seen
+    corners = corners[_hull(corners).vertices]
+    normals, offsets = np.split(_hull(corners).equations, [3], axis=1)
+    furthest = ((boxes.outermost(normals @ seen.T) @ seen) * normals).sum(axis=1)
+    rounding = np.spacing(np.float32(np.abs(points).max())) * np.linalg.norm(seen)
+    center = corners.mean(axis=0)
+    reach = normals @ center
+    factor = ((furthest + rounding - reach) / (-offsets[:, 0] - reach)).max() + _THINNEST
+    outside = (center + factor * (corners - center)) @ np.linalg.inv(seen)
+    return once(outside.astype(np.float32).astype(float)), float(factor - 1.0)
 
 
 def _ways(count: int) -> Array:
@@ -159,12 +159,3 @@ def _ways(count: int) -> Array:
     across = np.sqrt(1.0 - height**2)
     spiral = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
     return np.vstack([spiral, np.eye(3), -np.eye(3)])
-
-
-def _growth(boxes: Boxes, scale: Array, simple: Array) -> float:
-    """Return by how much a solid exceeds the points, relative to their width, at most."""
-    ways = _ways(_DIRECTIONS // 2)
-    reach, back = (
-        (boxes.outermost(side * scale) * scale * side).sum(axis=1) for side in (ways, -ways)
-    )
-    return float((((simple @ ways.T).max(axis=0) - reach) / (reach + back)).max())

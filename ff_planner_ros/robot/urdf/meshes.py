@@ -75,10 +75,12 @@ class Meshes:
             raise NoSolid("there is too little memory to read it") from None
         if growth > 0.0:
             file = "embedded" if name.startswith("data:") else shortened(Path(name).name)
-            self.notes.append(
-                f"mesh {file}: its hull is simplified, at most {growth:.2g} of its width larger, "
-                f"from a mesh of {len(given)} vertices to a hull of {len(points)}"
+            note = (
+                f"mesh {file}: its hull is simplified from {len(given)} vertices to {len(points)}, "
+                f"and at most {growth:.2g} of its width and {(1.0 + growth) ** 3 - 1.0:.2g} of its "
+                "volume larger"
             )
+            self.notes += [note] if note not in self.notes else []
         return points, hull
 
     def _of_file(self, name: str) -> Array:
