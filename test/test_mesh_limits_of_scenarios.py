@@ -18,16 +18,24 @@ from geometry_msgs.msg import Point
 from quick_capture import quick_capture
 from shape_msgs.msg import Mesh, MeshTriangle
 from test_mesh_limits import BY_TIER, EVIL, OF_ALL_SIZES
-from test_meshes import BOX, CORNERS, FACES, WRITERS, dae, stl
+from test_meshes import BOX, CORNERS, FACES, WRITERS, body_of, dae, loaded, sphere, stl
 from test_target_urdf import URDF, scenario_with_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.messages.obstacles import MAX_TRIANGLES, solid_in
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.robot.collision.solids import MAX_MESH_VERTICES, Solid, hull_of_vertices
-from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES
+from ff_planner_ros.planning.task.notes import notes_on
+from ff_planner_ros.robot.collision.solids import (
+    MAX_MESH_VERTICES,
+    MeshFile,
+    Solid,
+    hull_of_vertices,
+)
+from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES, once
 from ff_planner_ros.robot.urdf.mesh_files import MAX_FILE, MAX_FILES
+from ff_planner_ros.robot.urdf.payload import PAYLOAD, HeldShape, Payload, with_payload
 
 NAME = "client"  # of the obstacle with the mesh
 BUS = '<box size="1 0.8 0.6"/>'  # the target's solid that a mesh replaces
@@ -192,6 +200,28 @@ def test_the_hull_of_an_l_of_two_boxes_has_ten_corners(
     for scale in ([1.0, 1.0, 1.0], [0.5, -3.0, 0.01]):
         solid = solid_of(written(tmp_path, f"l.{kind}", scale=scale))
         assert len(solid.corners) == 10, scale
+
+
+def test_the_same_file_is_the_same_solid_with_the_same_note_wherever_it_is_named(
+    tmp_path: Path,
+) -> None:
+    """On a robot's link, on a payload, as an obstacle, and on a target."""
+    (tmp_path / "ball.stl").write_bytes(stl(sphere(60)))
+    robot = loaded(tmp_path, '<mesh filename="ball.stl"/>')
+    held = HeldShape("shape", MeshFile("ball.stl", (1.0, 1.0, 1.0)), np.zeros(3))
+    payload = Payload("link_4", 1.0, 0.01 * np.eye(3), shapes=(held,)).loaded(tmp_path)
+    carrying = with_payload(robot, payload)
+    wanted = once(body_of(robot).solid.points())
+    np.testing.assert_array_equal(once(body_of(carrying, PAYLOAD).solid.points()), wanted)
+    (note,) = [one for one in robot.notes if "simplified" in one]
+    assert note.startswith("mesh ball.stl: its hull is simplified from 3")
+    assert carrying.notes.count(note) == 1
+    for written in (of_obstacles, of_target):
+        problem = load_scenario(written(tmp_path, "ball.stl"))
+        (solid,) = [one.solid for one in problem.obstacles if one.solid.kind == "mesh"]
+        np.testing.assert_array_equal(once(solid.corners), wanted)
+        told = [one for one in notes_on(problem, load_parameters().planner) if "simplified" in one]
+        assert [one.removeprefix("target_body.urdf: ") for one in told] == [note]
 
 
 def ball(count: int) -> Array:

@@ -14,16 +14,18 @@ from ff_planner_ros.robot.configuration import whole_turns
 
 
 def notes_on_files(task: PlanningTask) -> tuple[str, ...]:
-    """Return notes on the files of robot and target bodies."""
+    """Return notes on the files of robot, target bodies and obstacles."""
     bodies = (task.problem.target_body, *(phase.target_body for phase in task.then))
     of_bodies = (note for body in bodies if body is not None for note in body.notes)
-    return tuple(dict.fromkeys((*task.problem.robot.notes, *of_bodies)))
+    of_meshes = (note for one in task.problem.obstacles for note in one.solid.notes)
+    return tuple(dict.fromkeys((*task.problem.robot.notes, *of_bodies, *of_meshes)))
 
 
 def notes_on(problem: PlanningProblem, settings: PlannerSettings) -> tuple[str, ...]:
-    """Return notes on target body, postures a turn away, margins, and plug-ins beside the core."""
+    """Return notes on target body, obstacles, postures a turn away, margins, and plug-ins beside the core."""
     body = problem.target_body
-    notes = (*(() if body is None else body.notes), *_turn_notes(problem))
+    of_meshes = dict.fromkeys(note for one in problem.obstacles for note in one.solid.notes)
+    notes = (*(() if body is None else body.notes), *of_meshes, *_turn_notes(problem))
     if settings.robust.sigmas and (without := list(_without_margin(problem))):
         notes += (f"planner.robust keeps no margin on {', '.join(without)}",)
     slower = ", ".join(one.name for one in problem.requirements if one.concerns(problem))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
@@ -36,6 +36,7 @@ from ff_planner_ros.robot.urdf.convex_hull import (
     SMALLEST_SIZE,
     NoSolid,
     convex_solid,
+    said_of,
 )
 from ff_planner_ros.robot.urdf.meshes import Meshes
 
@@ -62,6 +63,7 @@ class Solid:
     # Inflation in all directions, with rounded corners, that of a sphere added to its radius; in no
     # file and no message [m]
     grown: float = 0.0
+    notes: tuple[str, ...] = ()  # for the user, on a mesh; in no message
 
     __repr__ = in_a_line
 
@@ -88,7 +90,9 @@ class Solid:
     @classmethod
     def of_radius(cls, radius: float) -> Solid:
         """Return a sphere of a radius [m] that has been checked."""
-        return of_checked(cls, kind=SPHERE, sizes=frozen([radius]), corners=_NO_CORNERS, grown=0.0)
+        return of_checked(
+            cls, kind=SPHERE, sizes=frozen([radius]), corners=_NO_CORNERS, grown=0.0, notes=()
+        )
 
     @property
     def words(self) -> str:
@@ -151,14 +155,15 @@ class MeshFile:
             InvalidInput: The file cannot be read within the limits of a robot's meshes, or the mesh
                 has no hull.
         """
-        scale = np.array(self.scale)
+        scale, known = np.array(self.scale), len(meshes.notes)
         try:
             corners, _ = meshes.convex(self.file, scale)
         except NoSolid as fault:
             allowed = str(fault)
             raise InvalidInput(Status.OUT_OF_RANGE, f"{told}.file", self.file, allowed) from None
         # The same order of corners as after writing and reading them.
-        return hull_of_vertices(f"{told}.file", corners * scale)
+        solid = hull_of_vertices(f"{told}.file", corners * scale)
+        return replace(solid, notes=tuple(meshes.notes[known:]))
 
 
 def hull_of_vertices(told: str, vertices: Array) -> Solid:
@@ -176,11 +181,12 @@ def hull_of_vertices(told: str, vertices: Array) -> Solid:
         allowed = f"it may have {MAX_MESH_VERTICES} at most"
         raise InvalidInput(Status.OUT_OF_RANGE, told, many, allowed)
     try:
-        corners, _, _ = convex_solid(vertices, np.ones(3))
+        corners, _, growth = convex_solid(vertices, np.ones(3))
     except (RuntimeError, ValueError) as fault:
         why = str(fault) if isinstance(fault, NoSolid) else "it has no convex hull"
         raise InvalidInput(Status.OUT_OF_RANGE, told, many, why) from None
-    return Solid(MESH, corners=corners)
+    notes = said_of(len(vertices), len(corners), growth)
+    return Solid(MESH, corners=corners, notes=tuple(f"{told}: {note}" for note in notes))
 
 
 def solid_of(geometry: coal.CollisionGeometry) -> Solid:

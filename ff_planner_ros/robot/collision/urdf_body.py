@@ -130,7 +130,7 @@ def _read(
     ] or [np.linalg.norm((center * place).translation) for place in places.values()]
     if size := 2.0 * float(max(reaches)):
         notes += [note for link in tree.links.values() for note in too_wide(link, size)]
-    notes = [*faults.notes, *meshes.notes, *notes]
+    notes = [*faults.notes, *dict.fromkeys(meshes.notes), *notes]
     return UrdfBody(tuple(solids), frozen(weight.inertia), float(weight.mass), tuple(notes))
 
 

@@ -90,7 +90,7 @@ def whole_body(
     if srdf is None and not told and not apart:
         may_touch += always_touching(model, bodies, known)
     may_touch = _that_count(may_touch, joints)
-    notes = [*faults.notes, *meshes.notes]
+    notes = [*faults.notes, *dict.fromkeys(meshes.notes)]
     notes += _notes(model, bodies, may_touch if srdf is None else [])
     notes += _wide(robot, model, bodies)
     if other != name:

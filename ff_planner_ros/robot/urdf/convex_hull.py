@@ -57,6 +57,18 @@ def convex_solid(points: Array, scale: Array) -> tuple[Array, coal.Convex, float
     raise NoSolid("its convex hull cannot be simplified")
 
 
+def said_of(vertices: int, corners: int, growth: float) -> list[str]:
+    """Return a note on a solid that is larger than the hull of its vertices; none: it is not."""
+    if not growth > 0.0:
+        return []
+    volume = (1.0 + growth) ** 3 - 1.0
+    note = (
+        f"its hull is simplified from {vertices} vertices to {corners}, and at most {growth:.2g} "
+        f"of its width and {volume:.2g} of its volume larger"
+    )
+    return [note]
+
+
 def _convex(corners: Array) -> coal.Convex:
     """Return the hull of corners as a Coal geometry."""
     rows = coal.StdVec_Vec3s()

@@ -15,7 +15,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.share import PACKAGE_SCHEME, package_directory
 from ff_planner_ros.common.text_file import not_a_file
-from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_solid, once
+from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_solid, once, said_of
 from ff_planner_ros.robot.urdf.mesh_files import MAX_FILE, MAX_FILES, obj_vertices, stl_vertices
 from ff_planner_ros.robot.urdf.mesh_scenes import collada_vertices, gltf_vertices
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, shortened
@@ -73,14 +73,9 @@ class Meshes:
             raise NoSolid("it cannot be read") from None
         except MemoryError:
             raise NoSolid("there is too little memory to read it") from None
-        if growth > 0.0:
-            file = "embedded" if name.startswith("data:") else shortened(Path(name).name)
-            note = (
-                f"mesh {file}: its hull is simplified from {len(given)} vertices to {len(points)}, "
-                f"and at most {growth:.2g} of its width and {(1.0 + growth) ** 3 - 1.0:.2g} of its "
-                "volume larger"
-            )
-            self.notes += [note] if note not in self.notes else []
+        file = "embedded" if name.startswith("data:") else shortened(Path(name).name)
+        for note in said_of(len(given), len(points), growth):
+            self.notes.append(f"mesh {file}: {note}")
         return points, hull
 
     def _of_file(self, name: str) -> Array:

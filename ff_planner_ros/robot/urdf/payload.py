@@ -161,7 +161,9 @@ def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -
         raise InvalidInput(Status.OUT_OF_RANGE, f"{FIELD}.{told}", fault.value, allowed) from None
     note = f"link {payload.link} holds a payload of {payload.mass:g} kg"
     changed = [one for one in held.notes if " inertia is of " in one and one not in robot.notes]
-    return replace(held, notes=(*robot.notes, note, *changed), payload=payload)
+    meshes = (one for shape in payload.shapes for one in shape.solid.notes)
+    notes = dict.fromkeys((*robot.notes, note, *changed, *meshes))
+    return replace(held, notes=tuple(notes), payload=payload)
 
 
 @kept_with_it
