@@ -11,7 +11,7 @@ from functools import cache
 import coal
 import numpy as np
 import pinocchio as pin
-from robots import LEMUR_URDF, random_urdf
+from robots import LEMUR_URDF, coupled_urdf, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
@@ -72,14 +72,16 @@ def lemur_with_bodies() -> Robot:
 def random_robot(seed: int, joints: int = 6) -> Robot:
     """Return an arm with one or two solids on every link, hulls among them.
 
-    From seed 20 on, its joints 2 and 5 slide.
+    From seed 20 on, its joints 2 and 5 slide; from 40 on, it is a `coupled_urdf`.
     """
     rng = np.random.default_rng(seed)
     links = ["bus", "antenna", "tool", *(f"link_{number + 1}" for number in range(joints))]
+    links += ["of_rod", "of_far_rod", "of_a_panel", "of_finger"] * (seed >= 40)
     solids = {
         link: "".join(_random_solid(rng) for _ in range(rng.integers(1, 3))) for link in links
     }
     urdf = random_urdf(joints, seed, (2, 5) if seed >= 20 else ())
+    urdf = coupled_urdf(joints, seed) if seed >= 40 else urdf
     robot = robot_from_urdf_text(with_solids(urdf, solids), "bus", "tool")
     return replace(robot, bodies=tuple(_some_as_hulls(robot.bodies, rng)))
 

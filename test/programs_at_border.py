@@ -149,7 +149,7 @@ def programs(
         "grasp_wrench_within": (
             required(compiled.grasp_wrench_within),
             loads
-            | {"base": "planar", "joints_before": joints, "position": np.full(3, 0.1)}
+            | {"base": "planar", "link": joints, "position": np.full(3, 0.1)}
             | {"rotation": np.eye(3), "mass": 40.0, "center": np.full(3, 0.2)}
             | {"inertia": np.eye(3), "parts": np.array([0.1, 1.0])},
         ),

@@ -51,6 +51,36 @@ def random_urdf(joints: int, seed: int, sliding: Collection[int] = ()) -> str:
     return f'<robot name="random">{"".join(parts)}</robot>'
 
 
+# Joints that mimic others, and what each mimics: in the arm, on it, on the base, on another.
+MIMICS = {
+    "joint_3": ("joint_1", -0.7, 0.1),
+    "joint_5": ("joint_4", 0.4, 0.0),
+    "rod": ("joint_2", -1.0, 0.2),
+    "far_rod": ("rod", 0.5, -0.1),
+    "a_panel": ("joint_4", 1.5, 0.3),
+    "finger": ("joint_6", 0.1, 0.0),
+}
+
+
+def coupled_urdf(joints: int, seed: int, mimics: bool = True) -> str:
+    """Write a robot of `random_urdf` with two rods, a panel and a finger, and joints that mimic."""
+    rng = np.random.default_rng(seed)
+    parts = [random_urdf(joints, seed, sliding=(5,)).replace("</robot>", "")]
+    for name, kind, parent in (
+        ("rod", "revolute", "link_1"),
+        ("far_rod", "prismatic", "of_rod"),
+        ("a_panel", "continuous", "bus"),
+        ("finger", "prismatic", "tool"),
+    ):
+        parts += [_link(f"of_{name}", rng, 4.0), _joint(name, kind, parent, f"of_{name}", rng)]
+    urdf = "".join(parts) + "</robot>"
+    for name, (of, multiplier, offset) in MIMICS.items() if mimics else ():
+        mimic = f'<mimic joint="{of}" multiplier="{multiplier}" offset="{offset}"/>'
+        before, joint, after = urdf.partition(f'<joint name="{name}"')
+        urdf = before + joint + after.replace("</joint>", f"{mimic}</joint>", 1)
+    return urdf
+
+
 def random_state(robot: Robot, rng: np.random.Generator) -> SystemState:
     """Draw a chaser anywhere in any attitude, drifting and tumbling, the arm moving."""
     quaternion = rng.normal(size=4)

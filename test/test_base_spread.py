@@ -37,8 +37,7 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.momentum_regressor import inertial_parameters, momentum_regressors
+from ff_planner_ros.robot.momentum import inertial_parameters, momentum_regressors, total_momentum
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute
 from ff_planner_ros.simulation.feed_forward import feed_forward

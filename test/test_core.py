@@ -12,7 +12,7 @@ import reference_clearance
 import reference_end_effector as reference
 from core_rows import distances_of_core, sensitivity_of
 from reference_velocity_map import VelocityMap, stacked
-from robots import random_path, random_state, random_urdf
+from robots import coupled_urdf, random_path, random_state, random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
@@ -44,6 +44,8 @@ WEIGHT = 1.7
 def chain_robot(name: str) -> Robot:
     """`free3` and `planar3` have three joints; of `sliding7` the joints 1, 4 and 7 slide."""
     joints = int(re.sub(r"\D", "", name))
+    if name.startswith("coupled"):
+        return robot_from_urdf_text(coupled_urdf(joints, joints), "bus", "tool")
     if name.startswith("planar"):
         return robot_from_urdf_text(planar_urdf(joints), "chaser", "end_effector", Base.PLANAR)
     sliding = range(1, joints + 1, 3) if name.startswith("sliding") else ()
@@ -204,6 +206,11 @@ def test_a_chain_without_joints_or_with_too_many_is_refused() -> None:
                 np.ones(bodies),
                 np.zeros((bodies, 3)),
                 np.zeros((bodies, 3, 3)),
+                list(range(joints)),
+                list(range(joints)),
+                np.ones(joints),
+                np.zeros(joints),
+                joints,
             )
 
 

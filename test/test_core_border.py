@@ -110,7 +110,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         for one in (cone, ball)
     ]
     obstacles = {"obstacles": compiled.Obstacles(every)}
-    body = place | around | {"carriers": 1, "slide": np.zeros(3)}
+    body = place | around | {"link": 1, "slide": np.zeros(3)}
     links = {
         "translations": np.full((3, 3), 0.4),
         "rotations": np.tile(np.eye(3), (3, 1, 1)),
@@ -120,6 +120,11 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "masses": np.array([50.0, 3.0, 2.0]),
         "centers": np.full((3, 3), 0.1),
         "inertias": np.tile(np.eye(3), (3, 1, 1)),
+        "before": [0, 1],
+        "planned": [0, 1],
+        "multipliers": np.ones(2),
+        "offsets": np.zeros(2),
+        "tip": 2,
     }
     polynomial = {"duration": 4.0, "quintic": 0.01 * RNG.normal(size=(6, 6))}
     polynomial |= {"rotation_outer": np.eye(3), "quintic_by_duration": np.full((6, 6), 1e-3)}
@@ -334,7 +339,10 @@ def numbers_or_refusal(name: str, changed: Arguments) -> None:
         "pairs",
         "last",
         "points",
-        "carriers",
+        "link",
+        "before",
+        "planned",
+        "tip",
         "carrier",
         "kind",
         "guess",

@@ -500,7 +500,7 @@ def test_no_goal_is_out_of_reach_that_an_arm_on_a_rail_reaches(name: str) -> Non
         tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
         furthest = max(furthest, float(np.linalg.norm(tip - center)))
     assert 0.8 * _reach(robot) < furthest <= _reach(robot)
-    without = replace(robot, joint_slides=np.zeros((robot.joints, 3)))
+    without = replace(robot, tree=replace(robot.tree, slides=np.zeros((robot.joints, 3))))
     assert _reach(without) < _reach(robot) - 0.3
 
 

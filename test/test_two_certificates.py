@@ -42,7 +42,7 @@ CLOSE = max(GAP, SEARCH_GAP)
 LINES = ["free3", "free7", "planar3", "sliding4", "sliding7"]
 assert {*LINES} <= {*FREE, *PLANAR, *SLIDING}
 # From 20 on two joints of these slide.
-SHAPES = [0, 1, 2, 3, 20, 21, 22]
+SHAPES = [*[0, 1, 2, 3, 20, 21, 22], 40]
 # Steps of the robot from point to point [rad, m]: where it rests, obstacles alone move.
 SIZES = [0.0, 0.1, 0.4]
 

@@ -68,8 +68,8 @@ REFUSALS = {
     ),
     "mimic": (
         '<child link="link_3"/>',
-        '<child link="link_3"/><mimic joint="joint_2"/>',
-        "joint 'joint_3' is a mimic: every joint of the arm must move by itself",
+        '<child link="link_3"/><mimic joint="joint_9"/>',
+        "joint 'joint_3' is a mimic: the joint that it mimics is not there",
     ),
     "axis_without_direction": (
         '<axis xyz="0 1 0"/>',

@@ -44,7 +44,7 @@ JOINT_FAULTS = {
     "limit effort is ": set_limit("effort", "many"),
     "limit lower is ": set_limit("lower", "9"),
     "limit is missing": lambda joint: joint.remove(joint.find("limit")),
-    "is a mimic": lambda joint: joint.append(Element("mimic", joint="joint_1")),
+    "is a mimic": lambda joint: joint.append(Element("mimic", joint="joint_9")),
     "is ball": lambda joint: joint.set("type", "ball"),
     "axis is ": lambda joint: joint.find("axis").set("xyz", "0 0 1e-200"),
     "origin xyz is ": lambda joint: joint.find("origin").set("xyz", "1 2"),

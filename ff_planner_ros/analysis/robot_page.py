@@ -41,7 +41,8 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
     joints = []
     for k, name in enumerate(robot.joint_names):
         number = model.getJointId(name)
-        moved = model.subtrees[number]
+        driven = 2 + np.flatnonzero(robot.tree.planned == k)
+        moved = sorted({one for each in driven.tolist() for one in model.subtrees[each]})
         joints.append(
             {
                 "name": name,

@@ -63,7 +63,7 @@ def tool_at_goal(problem: PlanningProblem) -> Iterator[tuple[Body, pin.SE3]]:
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
     for body in robot.bodies:
-        if body.joint == robot.joints + 1:
+        if body.joint == robot.tree.tip + 1:
             yield body, last * body.placement_in_joint
 
 

@@ -13,17 +13,22 @@ class Chain:
 
     def __init__(
         self,
-        translations: Array,  # of joints and end effector in the joint before; (joints + 1, 3)
-        rotations: Array,  # likewise; shape (joints + 1, 3, 3)
-        axes: Array,  # unit vectors in the joints' frames, zero if they slide; shape (joints, 3)
-        slides: Array,  # likewise, zero if they turn; shape (joints, 3)
-        weights: Array,  # shares in the joint path; shape (joints,) [1 or rad/m]
-        masses: Array,  # of base and links; shape (joints + 1,)
-        centers: Array,  # of mass, in the frames of their joints; shape (joints + 1, 3)
-        inertias: Array,  # about the centres of mass; shape (joints + 1, 3, 3)
+        translations: Array,  # of joints and end effector in the joint before; (all + 1, 3)
+        rotations: Array,  # likewise; shape (all + 1, 3, 3)
+        axes: Array,  # unit vectors in the joints' frames, zero if they slide; shape (all, 3)
+        slides: Array,  # likewise, zero if they turn; shape (all, 3)
+        weights: Array,  # of planned joints in the joint path; shape (joints,) [1 or rad/m]
+        masses: Array,  # of base and links; shape (all + 1,)
+        centers: Array,  # of mass, in the frames of their joints; shape (all + 1, 3)
+        inertias: Array,  # about the centres of mass; shape (all + 1, 3, 3)
+        before: Sequence[int],  # as of `robot.tree.Tree`, and so are the next ones
+        planned: Sequence[int],
+        multipliers: Array,
+        offsets: Array,
+        tip: int,
     ) -> None: ...
     @property
-    def joints(self) -> int: ...
+    def joints(self) -> int: ...  # those that are planned
 
 def velocity(
     chain: Chain,
@@ -158,8 +163,8 @@ class Body:
 
     def __init__(
         self,
-        carriers: int,  # how many joints of the arm carry it
-        rotation: Array,  # in the frame of the last of these joints; shape (3, 3)
+        link: int,  # number of the chain's body that it is fixed to
+        rotation: Array,  # in the frame of that; shape (3, 3)
         position: Array,  # likewise; shape (3,) [m]
         center: Array,  # likewise, of a sphere around it; shape (3,) [m]
         radius: float,  # of that sphere [m]
@@ -433,7 +438,7 @@ def torques_within(base: str, parts: Array, margin: float, interest: float) -> P
 
 def grasp_wrench_within(
     base: str,
-    joints_before: int,
+    link: int,
     position: Array,
     rotation: Array,
     mass: float,
@@ -446,8 +451,8 @@ def grasp_wrench_within(
     """Return what makes the rows of `GraspWrench`; margin and interest: parts of limits.
 
     Args:
-        joints_before: Joints that move the link with the payload.
-        position: Of the grasp's frame in that of the last of these; rotation likewise.
+        link: Number of the chain's body that holds the payload.
+        position: Of the grasp's frame in that of this body; rotation likewise.
         mass: Of the payload [kg].
         center: Of its mass, in the grasp's frame [m].
         inertia: About that, likewise [kg m2].

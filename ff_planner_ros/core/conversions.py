@@ -29,11 +29,12 @@ def chain_of(robot: Robot) -> compiled.Chain:
     Raises:
         InvalidInput: Its arm has more joints than the core has room for.
     """
-    if robot.joints > compiled.MAX_JOINTS:
+    tree = robot.tree
+    if tree.joints > compiled.MAX_JOINTS:
         raise InvalidInput(
             Status.BAD_ROBOT,
             "robot.urdf",
-            f"an arm of {robot.joints} joints",
+            f"an arm of {tree.joints} joints",
             f"an arm has {compiled.MAX_JOINTS} joints at most; robot.locked_joints holds some",
         )
     model = robot.model
@@ -43,12 +44,17 @@ def chain_of(robot: Robot) -> compiled.Chain:
     return compiled.Chain(
         translations=np.array([placement.translation for placement in placements]),
         rotations=np.array([placement.rotation for placement in placements]),
-        axes=robot.joint_axes,
-        slides=robot.joint_slides,
+        axes=tree.axes,
+        slides=tree.slides,
         weights=robot.joint_weights,
         masses=np.array([body.mass for body in bodies]),
         centers=np.array([body.lever for body in bodies]),
         inertias=np.array([body.inertia for body in bodies]),
+        before=tree.before.tolist(),
+        planned=tree.planned.tolist(),
+        multipliers=tree.multipliers,
+        offsets=tree.offsets,
+        tip=tree.tip,
     )
 
 
@@ -62,7 +68,7 @@ def bodies_of(robot: Robot) -> compiled.Bodies:
 
 def _body_of(body: Body) -> compiled.Body:
     return compiled.Body(
-        carriers=body.joint - 1,
+        link=body.joint - 1,
         rotation=body.placement_in_joint.rotation,
         position=body.placement_in_joint.translation,
         center=body.center_in_joint,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import SLIDE_WEIGHTS, Base, Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.urdf.locked_joints import MEASURED, NOTHING_HELD
 from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
 from ff_planner_ros.robot.wheels import Wheels
 
@@ -79,7 +81,9 @@ class RobotParameters:
         words=Base,
     )
     locked_joints: str = tunable(
-        "", "Locked joints and their positions [rad or m]: `rail: 0.2, hand: -1.0`"
+        "",
+        "Locked joints and their positions [rad or m]: `rail: 0.2, hand: -1.0`; `measured`: all "
+        "others that are locked are where they were last measured",
     )
 
     geometry: str = tunable(
@@ -126,12 +130,23 @@ class RobotParameters:
         """
         return read_urdf(urdf, xacro_arguments=xacro_arguments_of(self.xacro_arguments))
 
-    def load(self, description: str, directory: Path | None = None) -> Robot:
+    @property
+    def measures(self) -> bool:
+        """Whether joints are locked where they were last measured."""
+        return MEASURED in map(str.strip, self.locked_joints.split(","))
+
+    def load(
+        self,
+        description: str,
+        directory: Path | None = None,
+        measured: Mapping[str, float] = NOTHING_HELD,
+    ) -> Robot:
         """Build the robot from the text of a URDF.
 
         Args:
             directory: Directory of the URDF; None: the text was recorded, and neither meshes nor
                 SRDF are read.
+            measured: Positions of locked joints [rad, m], beside those of `locked_joints`.
 
         Raises:
             InvalidInput: URDF or SRDF is refused.
@@ -146,7 +161,7 @@ class RobotParameters:
             self.base_link,
             self.tip_link,
             Base(self.base),
-            locked_joints_of(self.locked_joints),
+            {**measured, **locked_joints_of(self.locked_joints)},
             None if self.geometry == AUTO else Geometry(self.geometry),
             srdf,
             directory,
@@ -159,11 +174,15 @@ class RobotParameters:
 def locked_joints_of(text: str) -> dict[str, float]:
     """Return the positions of locked joints [rad or m] in a text: `rail: 0.2, hand: -1.0`.
 
+    The word `measured` may be among them.
+
     Raises:
         InvalidInput: The text is malformed.
     """
     field, found = "robot.locked_joints", dict[str, float]()
     for word in filter(None, map(str.strip, text.split(","))):
+        if word == MEASURED:
+            continue
         name, _, at = (part.strip() for part in word.partition(":"))
         if name in found:
             raise InvalidInput(Status.OUT_OF_RANGE, field, text, "each joint must be there once")

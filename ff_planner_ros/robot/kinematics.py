@@ -16,17 +16,17 @@ from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 def joint_rotations(robot: Robot, angles: Array) -> Array:
-    """Return the rotation of each joint's frame to the frame before, by Rodrigues' formula.
+    """Return the rotation of each joint's frame to that of the body before, by Rodrigues' formula.
 
     R = P (I + sin K + (1 - cos) K^2), with the joint's own placement P and the cross-product matrix
     K of its axis, which is zero for prismatic joints.
 
     Args:
-        angles: Joint positions; those of prismatic joints do not matter. Shape (points, joints)
-            [rad].
+        angles: Positions of all joints; those of prismatic joints do not matter. Shape
+            (points, all) [rad].
 
     Returns:
-        Shape (points, joints, 3, 3).
+        Shape (points, all, 3, 3).
     """
     held, once, twice = _turning(robot)
     sine, versine = np.sin(angles)[..., None, None], 1.0 - np.cos(angles)[..., None, None]
@@ -35,23 +35,24 @@ def joint_rotations(robot: Robot, angles: Array) -> Array:
 
 
 def joint_frames(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Return the frames of base and joints, and the end effector's origin, in the inertial frame.
+    """Return the frames of bodies from base to tip, and the end effector's origin, inertial frame.
 
     Args:
         q: Configurations. Shape (points, 7 + joints).
 
     Returns:
-        Rotations of the base and of every joint, shape (joints + 1, points, 3, 3), and origins of
-        every joint and of the end effector, shape (points, joints + 1, 3) [m].
+        Rotations of the base and of every joint there, shape (joints + 1, points, 3, 3), and
+        origins of these joints and of the end effector, shape (points, joints + 1, 3) [m].
     """
-    rotations = np.empty((robot.joints + 1, len(q), 3, 3))
+    way, positions = robot.tree.to_tip, robot.tree.positions(q[:, 7:])
+    rotations = np.empty((len(way) + 1, len(q), 3, 3))
     rotations[0] = rotation_base_to_inertial(q)
-    turned = joint_rotations(robot, q[:, 7:])
-    for k in range(robot.joints):
-        np.matmul(rotations[k], turned[:, k], out=rotations[k + 1])
+    turned = joint_rotations(robot, positions)
+    for number, k in enumerate(way):
+        np.matmul(rotations[number], turned[:, k], out=rotations[number + 1])
     steps = np.einsum("kpij,kj->pki", rotations, joint_offsets(robot))
-    if robot.has_slides:
-        slid = q[:, 7:, None] * robot.joint_slides
+    if robot.tree.slides.any():
+        slid = positions[:, way, None] * robot.tree.slides[way]
         steps[:, :-1] += np.einsum("kpij,pkj->pki", rotations[1:], slid)
     origins: Array = q[:, None, :3] + np.cumsum(steps, axis=1)
     return rotations, origins
@@ -59,19 +60,20 @@ def joint_frames(robot: Robot, q: Array) -> tuple[Array, Array]:
 
 @kept_with_it
 def joint_offsets(robot: Robot) -> Array:
-    """Return each joint's origin, then the end effector's, in the frame before.
+    """Return the origins of the joints to the tip, then the end effector's, in the frame before.
 
     Prismatic joints are at zero. Shape (joints + 1, 3) [m].
     """
     model = robot.model
-    placements = [*model.jointPlacements[2:], model.frames[robot.tip_frame_id].placement]
+    placements = [model.jointPlacements[2 + k] for k in robot.tree.to_tip]
+    placements.append(model.frames[robot.tip_frame_id].placement)
     return np.array([placement.translation for placement in placements])
 
 
 def arm_reach(robot: Robot) -> float:
     """Return the arm's length, stretched out: of all links from the first joint to the end [m]."""
     lengths = sum(float(np.linalg.norm(offset)) for offset in joint_offsets(robot)[1:])
-    return lengths + float(robot.furthest_slides.sum())
+    return lengths + float(robot.furthest_slides[robot.tree.to_tip].sum())
 
 
 def rotation_base_to_inertial(q: Array) -> Array:
@@ -83,5 +85,5 @@ def rotation_base_to_inertial(q: Array) -> Array:
 def _turning(robot: Robot) -> tuple[Array, Array, Array]:
     """Return P, P K and P K^2 of each joint; see `joint_rotations`."""
     held = np.array([placement.rotation for placement in robot.model.jointPlacements[2:]])
-    axis = np.array([pin.skew(axis) for axis in robot.joint_axes])
+    axis = np.array([pin.skew(axis) for axis in robot.tree.axes])
     return held, held @ axis, held @ axis @ axis

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import enum
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +28,7 @@ from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.collision.whole_body import whole_body
 from ff_planner_ros.robot.plane import require_planar
+from ff_planner_ros.robot.tree import Tree, pinocchio_models, tree_of
 from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD, LockedJoint, with_locked
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NO_VELOCITY_LIMIT, checked_urdf
@@ -76,11 +76,12 @@ _ROBOT = "robot.urdf"
 class Robot:
     """A chaser with one arm: a Pinocchio model whose root is a free-flyer, gravity zero."""
 
-    model: pin.Model  # never changed after loading
+    model: pin.Model  # never changed after loading; has the mimics of the arm's joints
+    tree: Tree  # of all joints that move
     urdf: str  # the checked XML that the model was built from
     # As recorded: the same with shapes of links, hulls of meshes, and links that may touch
     drawn_urdf: str
-    joint_names: tuple[str, ...]  # from base to tip
+    joint_names: tuple[str, ...]  # of those that are planned, from base to tip
     base_link: str  # URDF link that carries the arm; its axes are the chaser's axes
     tip_link: str  # URDF link whose frame is the end effector
     tip_frame_id: int  # frame of the tip link
@@ -143,9 +144,10 @@ class Robot:
 
     @property
     def furthest_slides(self) -> Array:
-        """Largest distance of each prismatic joint from zero; zero if revolute. (joints,) [m]."""
-        furthest = np.maximum(-self.lower_position_limits, self.upper_position_limits)
-        return np.where(self.joint_slides.any(axis=1), furthest, 0.0)
+        """Largest distance of each joint from zero if it slides, else zero. Shape (all,) [m]."""
+        ends = np.array([self.lower_position_limits, self.upper_position_limits])
+        furthest = np.abs(self.tree.positions(ends)).max(axis=0)
+        return np.where(self.tree.slides.any(axis=1), furthest, 0.0)
 
     def unit(self, joint: int) -> str:
         """Return the unit of a joint's position."""
@@ -231,7 +233,7 @@ def robot_from_urdf_text(
 
     Args:
         text: The XML of a URDF or SDF, with a chain of revolute and prismatic joints from base to
-            tip. All other joints are locked.
+            tip. Joints that mimic one of these move along; all others are locked.
         base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
         tip_link: Link whose frame is the end effector. None: the only link that moves and
             carries no other.
@@ -258,7 +260,7 @@ def robot_from_urdf_text(
     checked = checked_urdf(text, base_link, tip_link, held_at, not slide_weight, inertia)
     urdf, endless = as_revolute(checked.xml)
     try:
-        model = _pinocchio_model(urdf)
+        model, apart = pinocchio_models(urdf, checked.driven, checked.path)
     except (ValueError, RuntimeError) as error:
         raise InvalidInput(
             Status.BAD_ROBOT, "robot.urdf", "unreadable", f"Pinocchio says: {shown(str(error))}"
@@ -267,25 +269,30 @@ def robot_from_urdf_text(
     base_frame = model.frames[model.getFrameId(checked.base_link, pin.FrameType.BODY)]
     # The first two joints are Pinocchio's: the universe and the free-flyer.
     efforts, rates = np.array(model.upperEffortLimit[6:]), np.array(model.upperVelocityLimit[6:])
-    axes, slides = _joint_axes(model)
+    tip_frame = model.getFrameId(checked.tip_link, pin.FrameType.BODY)
+    tree = tree_of(model, apart, checked.driven, model.frames[tip_frame].parentJoint)
+    names = [name for name in tuple(model.names)[2:] if name not in checked.driven]
+    alone = [model.getJointId(name) - 2 for name in names]
+    axes, slides = tree.axes[alone], tree.slides[alone]
     if base is Base.PLANAR:
-        require_planar(model, base_frame)
+        require_planar(apart, base_frame)
     whole = whole_body(model, checked.xml, text, geometry, srdf, directory)
     return Robot(
         model=model,
+        tree=tree,
         urdf=urdf,
         drawn_urdf=with_locked(whole.drawn_urdf, checked.locked_joints),
-        joint_names=tuple(model.names)[2:],
+        joint_names=tuple(names),
         base_link=checked.base_link,
         tip_link=checked.tip_link,
-        tip_frame_id=model.getFrameId(checked.tip_link, pin.FrameType.BODY),
+        tip_frame_id=tip_frame,
         position_chaser_in_base=frozen(model.inertias[1].lever),
         rotation_chaser_to_base=frozen(base_frame.placement.rotation),
         joint_axes=frozen(axes),
         joint_slides=frozen(slides),
         lower_position_limits=frozen(model.lowerPositionLimit[7:]),
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
-        continuous=tuple(name in endless for name in tuple(model.names)[2:]),
+        continuous=tuple(name in endless for name in names),
         velocity_limits=frozen(np.where(rates < NO_VELOCITY_LIMIT, rates, np.inf)),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
         joint_weights=frozen(np.where(slides.any(axis=1), slide_weight, 1.0)),
@@ -312,39 +319,3 @@ def wheels_of(base: Base, wheels: Wheels | None) -> Wheels | None:
         allowed = f"with robot.base {base} there must be none: wheels hold attitude_held"
         raise InvalidInput(Status.UNSUPPORTED, "robot.wheels", "given", allowed)
     return None
-
-
-def _pinocchio_model(xml: str) -> pin.Model:
-    """Return the model on a free-flyer.
-
-    Pinocchio silently merges joints of the same name: the free-flyer with a joint of the URDF, and
-    a fixed joint called `universe` with the inertial frame. Both get names of their own.
-    """
-    robot = ElementTree.fromstring(xml)
-    names = {element.get("name") for element in robot}
-    free_flyer = _unused_name("free_flyer", names)
-    for joint in robot.findall("joint[@type='fixed'][@name='universe']"):
-        joint.set("name", _unused_name("fixed", {*names, free_flyer}))
-    renamed = ElementTree.tostring(robot, encoding="unicode")
-    return pin.buildModelFromXML(renamed, pin.JointModelFreeFlyer(), free_flyer)
-
-
-def _unused_name(name: str, used: Collection[str | None]) -> str:
-    while name in used:
-        name += "_"
-    return name
-
-
-def _joint_axes(model: pin.Model) -> tuple[Array, Array]:
-    """Return the axes of revolute and the directions of prismatic joints, in their own frames.
-
-    Each of shape (joints, 3); zero for joints of the other type.
-    """
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    columns = [
-        pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, model.idx_vs[joint]]
-        for joint in range(2, model.njoints)
-    ]
-    slides, axes = np.split(np.array(columns), 2, axis=1)
-    return axes, slides

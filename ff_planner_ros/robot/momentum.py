@@ -4,6 +4,10 @@ Throughout, `data` is scratch space of the robot's model, q a configuration, sha
 and v a tangent velocity, shape (6 + joints,). A momentum is P [kg m/s] and L about the inertial
 origin [kg m2/s], in inertial axes, shape (6,). On a planar base only P_x, P_y and L_z are constant:
 the table takes up the other components, and no function here reads them.
+
+Momentum is linear in the inertial parameters. Those of a body are Pinocchio's ten: mass, mass
+times centre of mass, and the inertia about the origin of the body's frame (xx, xy, yy, xz, yz, zz).
+Bodies are the chaser and what each joint moves, links that are fixed to each other being one body.
 """
 
 from __future__ import annotations
@@ -19,9 +23,11 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.rotation import cross
+from ff_planner_ros.robot.rotation import cross, skew
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.wheels import momenta_of
+
+PARAMETERS = 10  # of a body
 
 
 def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
@@ -91,6 +97,7 @@ def angular_momentum_bounds(robot: Robot, largest: Array) -> Array:
     """
     factorials = np.array([[float(factorial(n))] for n in range(len(largest))])
     largest, sizes = largest / factorials[:, None], _sizes(robot)
+    tree = robot.tree
     still = np.zeros(largest.shape[:2])
     rates, places = {1: still[1:]}, {1: still}  # the base is joint 1
     turns = {1: _of_fixed(still[1:])}
@@ -98,10 +105,12 @@ def angular_momentum_bounds(robot: Robot, largest: Array) -> Array:
     for joint in range(1, len(sizes)):
         body = sizes[joint]
         if joint > 1:
-            before, number = robot.model.parents[joint], robot.model.joints[joint].idx_v - 6
-            axis, of_joint = turns[before], largest[:, :, number]
+            before, number = robot.model.parents[joint], joint - 2
+            of_joint = np.abs(tree.multipliers[number]) * largest[:, :, tree.planned[number]]
+            of_joint[0] += np.abs(tree.offsets[number])
+            axis = turns[before]
             places[joint], rates[joint] = places[before] + body.offset * axis, rates[before]
-            if robot.slides(number):
+            if tree.slides[number].any():
                 places[joint] = places[joint] + _product(of_joint, axis)
             else:
                 rates[joint] = rates[joint] + _product(_rate(of_joint), axis[:-1])
@@ -257,3 +266,63 @@ def smallest_singular_values(robot: Robot, q: Array, maps: Array | None = None) 
     # The transpose has the same singular values, and takes LAPACK two thirds of the time.
     columns = jacobians.swapaxes(1, 2)
     return np.asarray(np.linalg.svd(columns, compute_uv=False)[:, -1], np.float64)
+
+
+def inertial_parameters(robot: Robot) -> Array:
+    """Return the parameters of all bodies, from the chaser to the tip. Shape (10 * bodies,)."""
+    bodies = list(robot.model.inertias)[1:]
+    return np.concatenate([body.toDynamicParameters() for body in bodies])
+
+
+def momentum_regressors(robot: Robot, positions: Array, rates: Array) -> Array:
+    """Return the matrices Y from inertial parameters phi to momentum, in the base frame.
+
+    The momentum about the base frame's origin, in its axes, at base twist xi is
+    (sum_k xi_k Y_k + Y_6) phi: Y_0 to Y_5 belong to the base's unit twists, the joints at rest, and
+    Y_6 to the joint velocities, the base at rest.
+
+    Args:
+        positions: Shape (times, joints) [rad, m].
+        rates: Shape (times, joints) [rad/s, m/s].
+
+    Returns:
+        Shape (times, 7, 6, 10 * bodies).
+    """
+    times, bodies = len(positions), robot.tree.joints + 1
+    turns, places = np.empty((times, bodies, 3, 3)), np.empty((times, bodies, 3))
+    twists = np.empty((times, bodies, 7, 6))  # of the bodies, in their own axes
+    data = robot.model.createData()
+    q, v = pin.neutral(robot.model), np.zeros(robot.model.nv)
+    for i in range(times):
+        q[7:], v[6:] = positions[i], rates[i]
+        pin.forwardKinematics(robot.model, data, q, v)
+        for k in range(bodies):
+            placement = data.oMi[k + 1]
+            turns[i, k], places[i, k] = placement.rotation, placement.translation
+            twists[i, k, 6] = data.v[k + 1].vector
+    back = turns.swapaxes(-1, -2)
+    twists[:, :, :3, :3] = turns
+    twists[:, :, :3, 3:] = 0.0
+    twists[:, :, 3:6, 3:] = turns
+    # A rotation w of the base moves the body's origin p at w x p: one row per unit rotation.
+    twists[:, :, 3:6, :3] = np.einsum("tbij,tbjk->tbki", back, -skew(places))
+    of_bodies = _regressors(twists)
+    linear = np.einsum("tbij,tbkjn->tbkin", turns, of_bodies[..., :3, :])
+    angular = np.einsum("tbij,tbkjn->tbkin", turns, of_bodies[..., 3:, :])
+    angular += np.einsum("tbij,tbkjn->tbkin", skew(places), linear)
+    whole = np.concatenate([linear, angular], axis=-2)
+    return whole.transpose(0, 2, 3, 1, 4).reshape(times, 7, 6, PARAMETERS * bodies)
+
+
+def _regressors(twists: Array) -> Array:
+    """Return the matrices from a body's parameters to its momentum in its frame. (..., 6, 10)."""
+    linear, angular = twists[..., :3], twists[..., 3:]
+    x, y, z = np.moveaxis(angular, -1, 0)
+    found = np.zeros((*twists.shape[:-1], 6, PARAMETERS))
+    found[..., :3, 0] = linear
+    found[..., :3, 1:4] = skew(angular)
+    found[..., 3:, 1:4] = -skew(linear)
+    for row, columns in enumerate(((4, 5, 7), (5, 6, 8), (7, 8, 9))):
+        for column, rate in zip(columns, (x, y, z), strict=True):
+            found[..., 3 + row, column] = rate
+    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -18,7 +19,9 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.node import ANY_AGE, NodeParameters
 from ff_planner_ros.planning.scenario.library_file import load_library
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.urdf.sdf import urdf_of
+from ff_planner_ros.ros.inputs.locked_joints import measured_robot
 from ff_planner_ros.ros.inputs.middleware import Middleware, namesakes
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
@@ -70,6 +73,8 @@ class Session:
                 closing(Middleware(node, parameters.allow_several_publishers))
             )
             self._states = StateInput(robot, parameters, self._middleware)
+            load = partial(parameters.robot.load, self._description, urdf.parent)
+            self._robots = measured_robot(parameters.robot, robot, load, self._renewed)
             self._scenes = SceneInput(parameters.inertial_frame, self._middleware)
             exchanges = stack.enter_context(
                 closing(Exchanges(node, robot.drawn_urdf, parameters.inertial_frame))
@@ -93,6 +98,7 @@ class Session:
                         exchanges,
                         run_name=self._bag.name,
                         library=library,
+                        robots=self._robots,
                     )
                 )
             )
@@ -136,6 +142,14 @@ class Session:
     def close(self) -> None:
         """Disconnect, then close the bag."""
         self._stack.close()
+
+    def _renewed(self, robot: Robot) -> None:
+        """Take a robot whose locked joints are elsewhere, and with them the centre of mass."""
+        self._output.transforms.use(robot)
+        told = ", ".join(
+            f"{one.name} at {one.position:g} {one.unit}" for one in robot.locked_joints
+        )
+        self._node.get_logger().info(in_log(f"locked where they are measured: {told}"))
 
     def _forget(self, jump: TimeJump) -> None:
         """Forget states and plans: the clock jumped back, or became another one."""
@@ -186,6 +200,8 @@ class Session:
         try:
             limits = ANY_AGE, now.state_future_tolerance, now.locked_joint_tolerance
             stamp_ns = self._newest_state(*limits).stamp_ns
+            if self._robots is not None:
+                self._robots.require(self._states.locked.positions())
             state_age = (clock.nanoseconds - stamp_ns) / NANOSECONDS
         except InvalidInput as error:
             if error.status is not Status.NO_STATE:

@@ -21,6 +21,7 @@ from ff_planner_ros.common.shown import shown
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.urdf.locked_joints import Drive, mimics
 from ff_planner_ros.robot.urdf.urdf_xml import INERTIA, InertiaChoice
 
 try:
@@ -35,6 +36,9 @@ except ModuleNotFoundError:
 _INERTIAL_FRAME = "world"  # to MuJoCo
 
 ENGINE = f"MuJoCo {mujoco.__version__}"
+
+# Of joints that follow others, where friction lets MuJoCo's own constraints hold them [s, 1].
+_STIFF = [2e-3, 1.0]
 
 # An inertia that nothing on a table moves [kg, kg m2].
 _TABLE = 1e12
@@ -73,10 +77,19 @@ class Engine:
         spec, names = specification(robot.urdf, slides=self._is_held)
         self.model = _model(spec, robot.base)
         self._data = mujoco.MjData(self.model)
+        self._with_friction = False
         self._base = self._data.body(names[robot.base_link])
         self._tip = self._data.body(names[robot.tip_link])
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.joint_names])
         self._rates = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
+        # Joints that follow others, and the rates of all by those that move by themselves.
+        self._followers, coupling = list[tuple[int, int, Drive]](), np.eye(self.model.nv)
+        for name, drive in mimics(robot.urdf).items():
+            one, other = (self.model.joint(joint) for joint in (name, drive.of))
+            self._followers.append((one.qposadr[0], other.qposadr[0], drive))
+            coupling[one.dofadr[0], [one.dofadr[0], other.dofadr[0]]] = 0.0, drive.multiplier
+        self._alone = np.flatnonzero(coupling.any(axis=0))
+        self._coupling = coupling[:, self._alone]
         self._root = self._data.body(1).id  # 0 is the universe
         self._size = self.model.nq + (4 if self._is_held else 0)  # of a state's positions
         # MuJoCo's numbers of links: 0 is the universe, 1 the root link.
@@ -98,6 +111,7 @@ class Engine:
         else:
             data.qpos[:7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
         data.qpos[self._joints] = start.joint_positions
+        self._let_follow()
         mujoco.mj_kinematics(self.model, data)
         chaser_in_root, chaser_to_root = self._chaser_position(), _rotation(self._base)
         chaser = Rotation.from_quat(start.quaternion_chaser_to_inertial_xyzw)
@@ -106,6 +120,7 @@ class Engine:
         root_from_chaser = -root_to_inertial @ chaser_in_root
         omega = start.angular_velocity_chaser_in_inertial
         data.qvel[self._rates] = start.joint_velocities
+        data.qvel[:] = self._coupling @ data.qvel[self._alone]
         first, second = self._of_base
         velocity = start.linear_velocity_chaser_in_inertial + np.cross(omega, root_from_chaser)
         return np.concatenate(
@@ -118,6 +133,12 @@ class Engine:
                 data.qvel[second:],
             ]
         )
+
+    def _let_follow(self) -> None:
+        """Put joints that follow others where these put them."""
+        positions = self._data.qpos
+        for one, other, drive in self._followers:
+            positions[one] = drive.multiplier * positions[other] + drive.offset
 
     def center_of_mass(self, start: SystemState) -> tuple[Array, Array]:
         """Return the whole system's centre of mass [m] and its velocity [m/s], both inertial."""
@@ -143,15 +164,31 @@ class Engine:
         position_rate, velocity_rate = np.split(rate, [self._size])
         _, velocity = np.split(state, [self._size])
         position_rate[:3], position_rate[7:] = velocity[:3], velocity[6:]
+        accelerations = self._accelerations()
         if self._is_held:
-            along_slides = Rotation.from_quat(np.roll(state[3:7], -1)).apply(data.qacc[:3])
-            velocity_rate[:3], velocity_rate[6:] = along_slides, data.qacc[3:]
+            along_slides = Rotation.from_quat(np.roll(state[3:7], -1)).apply(accelerations[:3])
+            velocity_rate[:3], velocity_rate[6:] = along_slides, accelerations[3:]
             return rate
         mujoco.mju_mulQuat(
             position_rate[3:7], state[3:7], np.concatenate([[0.0], velocity[3:6] / 2])
         )
-        velocity_rate[:] = data.qacc
+        velocity_rate[:] = accelerations
         return rate
+
+    def _accelerations(self) -> Array:
+        """Return those of all joints: MuJoCo's, or of d'Alembert's principle where some follow.
+
+        G^T (M G a + h) = G^T f, with the rates G v of all joints by those that move by themselves.
+        MuJoCo's own constraint of a joint is soft; with dry friction it is what there is.
+        """
+        data, G = self._data, self._coupling
+        if G.shape[0] != G.shape[1] and not self._with_friction:
+            inertia = np.empty_like(G.T)  # M G
+            for row, column in zip(inertia, G.T.copy(), strict=True):
+                mujoco.mj_mulM(self.model, data, row, column)
+            forces = data.qfrc_applied + data.qfrc_passive - data.qfrc_bias
+            data.qacc[:] = G @ np.linalg.solve(inertia @ G, G.T @ forces)
+        return np.asarray(data.qacc, np.float64)
 
     def holding_torque(self, state: Array, joint_torques: Array) -> Array:
         """Return the torque that keeps a held base from rotating, in base link axes, (3,) [N m].
@@ -161,6 +198,7 @@ class Engine:
         data = self._data
         data.qfrc_applied[self._rates] = joint_torques
         self._forward(state)
+        self._accelerations()
         mujoco.mj_rnePostConstraint(self.model, data)
         torque: Array = _rotation(self._base).inv().apply(data.cfrc_int[self._root, :3])
         return torque
@@ -211,6 +249,8 @@ class Engine:
         self.model.dof_frictionloss[self._rates] = dry
         # By default a joint that friction holds would still get a tenth of its acceleration.
         self.model.dof_solimp[self._rates, :2] = 0.999
+        self._with_friction = bool(dry.any())
+        self.model.eq_active0[:] = self._data.eq_active[:] = self._with_friction
 
     @property
     def _of_base(self) -> tuple[int, int]:
@@ -250,6 +290,11 @@ def specification(urdf: str, slides: bool = False) -> tuple[mujoco.MjSpec, dict[
         raise _refused(error) from None
     spec.comment = tree.get(INERTIA, "")
     spec.compiler.fusestatic = False  # else links fixed to others lose their names
+    for name, drive in mimics(urdf).items():
+        coupling = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT)
+        coupling.name1, coupling.name2, coupling.active = name, drive.of, False
+        coupling.data[:2] = drive.offset, drive.multiplier
+        coupling.solref, coupling.solimp = _STIFF, [0.9999, 0.9999, 1e-3, 0.5, 2.0]
     root = spec.worldbody.first_body()
     if slides:
         for axis in np.eye(3).tolist():

@@ -112,7 +112,7 @@ def torque_monte_carlo(
 
 def _links_of_bodies(engine: Engine, robot: Robot) -> list[Indices]:
     """Return MuJoCo's numbers of the links of each body, the chaser first."""
-    of_joints = [engine.links_moved_by(name) for name in robot.joint_names]
+    of_joints = [engine.links_moved_by(name) for name in tuple(robot.model.names)[2:]]
     return [engine.chaser_bodies, *of_joints]
 
 

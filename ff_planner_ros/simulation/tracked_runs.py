@@ -19,7 +19,7 @@ from ff_planner_ros.planning.problem.uncertainty import Draws
 from ff_planner_ros.planning.robust.base_spread import TrackedMotion
 from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Base
-from ff_planner_ros.robot.momentum_regressor import PARAMETERS
+from ff_planner_ros.robot.momentum import PARAMETERS
 
 
 @dataclass(frozen=True, eq=False)

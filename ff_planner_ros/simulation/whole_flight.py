@@ -31,6 +31,7 @@ _STEP, _STIFF = 1e-3, 2.0
 _CONTROL, _RENEWED = 20.0, 20
 _STEPS_PER_POINT = 40  # of the torques
 _BODY = "captured body"
+_WELD = "grasp"
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,8 @@ class _Flight:
         # To MuJoCo the body's axes are its principal axes.
         self._main_to_body = Rotation.from_matrix(axes)
         weld = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY)
-        weld.name1, weld.name2, weld.active = names[robot.tip_link], _BODY, False
+        weld.name, weld.active = _WELD, False
+        weld.name1, weld.name2 = names[robot.tip_link], _BODY
         weld.solref, weld.solimp = [_STIFF * _STEP, 1.0], [0.9999, 0.9999, 1e-3, 0.5, 2.0]
         self._model = compiled(spec)
         self._model.opt.gravity, self._model.opt.timestep = 0.0, _STEP
@@ -86,6 +88,9 @@ class _Flight:
             mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
         )
         self._model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self._weld = self._model.equality(_WELD).id
+        # All others are of joints that follow others.
+        self._model.eq_active0[np.arange(self._model.neq) != self._weld] = True
         self._data, self._tip = mujoco.MjData(self._model), names[robot.tip_link]
         joints = [self._model.joint(name) for name in robot.joint_names]
         self._positions = np.array([joint.qposadr[0] for joint in joints])
@@ -107,8 +112,8 @@ class _Flight:
         attitude = turn * Rotation.from_quat(np.roll(body.xquat, -1))
         # MuJoCo's eq_data of a weld: anchor, relative pose, and torque scale.
         numbers = [*np.zeros(3), *place, *np.roll(attitude.as_quat(), 1), 1.0]
-        self._model.eq_data[0, : len(numbers)] = numbers
-        self._data.eq_active[0] = True
+        self._model.eq_data[self._weld, : len(numbers)] = numbers
+        self._data.eq_active[self._weld] = True
 
     def through(self, robot: Robot, plan: Plan) -> Reached:
         """Execute a phase, and return the errors at its end.

@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -20,6 +21,7 @@ from ff_planner_ros.parameters import DECLARATIONS, NodeParameters
 from ff_planner_ros.parameters.values import parameters_of
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.client import PlannerClient
+from ff_planner_ros.ros.inputs.locked_joints import measured_robot
 from ff_planner_ros.ros.inputs.middleware import Middleware
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
@@ -78,6 +80,7 @@ class Link:
         self._middleware = Middleware(self.node, now.allow_several_publishers)
         self._states = StateInput(self.robot, now, self._middleware)
         self._scenes = SceneInput(now.inertial_frame, self._middleware)
+        self._robots = measured_robot(now.robot, self.robot, self._with_locked)
         self.client.hear(PLAN_EVENTS, self.happened.put)
         self.client.hear(PUBLISHED_PLAN, self.happened.put)
 
@@ -89,9 +92,8 @@ class Link:
     @property
     def knowledge(self) -> Knowledge:
         """What the node knows now, as far as the console hears the same topics."""
-        return Knowledge(
-            self.robot, self.parameters, self._states, self._scenes, self.published, self.now_ns()
-        )
+        heard = self._states, self._scenes, self.published, self.now_ns()
+        return Knowledge(self.robot, self.parameters, *heard, robots=self._robots)
 
     @property
     def lost(self) -> str:
@@ -149,6 +151,7 @@ class Link:
         # Meshes are read where the URDF is on this machine, too.
         directory = urdf.parent if urdf.is_file() else None
         robot = parameters.robot.load(self._urdf, directory)
+        self._with_locked = partial(parameters.robot.load, self._urdf, directory)
         self._heard = time.monotonic()
         return parameters, robot
 

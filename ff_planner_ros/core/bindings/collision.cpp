@@ -17,7 +17,9 @@ Path path(const Chain& chain, const Array& q, const Array& dq) {
 // Returns joint origins and end effector, and their derivatives along the columns of dq.
 py::tuple arm_points_with_derivatives(const Chain& chain, const Array& q, const Array& dq) {
   const Path along = path(chain, q, dq);
-  const py::ssize_t count = q.shape(0), each = chain.joints() + 1, xyz = 3;
+  const Tree& tree = *chain.tree;
+  const auto each = static_cast<py::ssize_t>(tree.moving(tree.tip).size()) + 1;
+  const py::ssize_t count = q.shape(0), xyz = 3;
   Array points({count, each, xyz}), derivatives({count, each, xyz, dq.shape(2)});
   RowsToFill of_points = rows_to_fill(points), of_derivatives = rows_to_fill(derivatives);
   for (py::ssize_t i = 0; i < count; ++i) {
@@ -65,12 +67,11 @@ Solid solid(int kind, const Array& sizes, const Array& vertices, double grown) {
   return made;
 }
 
-Body body(int carriers, const Array& rotation, const Array& position, const Array& center,
+Body body(int link, const Array& rotation, const Array& position, const Array& center,
           double radius, const Solid& solid, const Array& slide) {
-  if (carriers < 0 || carriers > kMaxJoints)
-    throw std::invalid_argument("carriers is " + std::to_string(carriers) +
-                                ", not the number of some joints");
-  Body made{carriers,
+  if (link < 0 || link > kMaxJoints)
+    throw std::invalid_argument("link is " + std::to_string(link) + ", not the number of a link");
+  Body made{link,
             {vector3(position, "position"), matrix3(rotation, "rotation")},
             vector3(center, "center"),
             checked(radius, "radius"),
@@ -112,8 +113,7 @@ Obstacle obstacle(const Solid& solid, const Array& center, double radius, const 
 Asked asked(const CubicMotion& motion, const Bodies& of, const Numbers& chosen, size_t count,
             int last, double gap, double part) {
   for (const Body& body : of.bodies)
-    if (body.carriers + body.stretches() > motion.chain.joints())
-      throw std::invalid_argument("bodies are of another chain");
+    if (!body.fits(*motion.chain.tree)) throw std::invalid_argument("bodies are of another chain");
   require_shape(chosen, "chosen", {kAny});
   Asked made{{}, last, checked(gap, "gap"), checked(part, "part")};
   for (py::ssize_t i = 0; i < chosen.size(); ++i) {
@@ -152,7 +152,7 @@ void bind_collision(py::module_& m) {
   py::class_<Solid>(m, "Solid")
       .def(py::init(&solid), py::arg("kind"), py::arg("sizes"), py::arg("vertices"),
            py::arg("grown"));
-  py::class_<Body>(m, "Body").def(py::init(&body), py::arg("carriers"), py::arg("rotation"),
+  py::class_<Body>(m, "Body").def(py::init(&body), py::arg("link"), py::arg("rotation"),
                                   py::arg("position"), py::arg("center"), py::arg("radius"),
                                   py::arg("solid"), py::arg("slide"));
   py::class_<Bodies, std::shared_ptr<Bodies>>(m, "Bodies")

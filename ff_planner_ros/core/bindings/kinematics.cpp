@@ -7,18 +7,40 @@
 namespace ff {
 namespace {
 
-Chain chain(const Array& translations, const Array& rotations, const Array& axes,
-            const Array& slides, const Array& weights, const Array& masses, const Array& centers,
-            const Array& inertias) {
-  const Rows axis = rows(axes, "axes", {kAny, 3});
-  const py::ssize_t n = axis.rows();
+std::shared_ptr<const Tree> tree(const std::vector<int>& before, const std::vector<int>& planned,
+                                 const Array& multipliers, const Array& offsets, int tip) {
+  const auto n = static_cast<int>(before.size());
   if (n < 1 || n > kMaxJoints)
     throw std::invalid_argument("a chain has 1 to " + std::to_string(kMaxJoints) + " joints, not " +
                                 std::to_string(n));
+  if (planned.size() != before.size())
+    throw std::invalid_argument("planned must have a number for each joint");
+  const Values multiplier = values(multipliers, "multipliers", {n});
+  const Values offset = values(offsets, "offsets", {n});
+  std::vector<Tree::Drive> drives;
+  int count = 0;
+  for (int k = 0; k < n; ++k) {
+    if (before[k] < 0 || before[k] > k || planned[k] < 0 || planned[k] >= n)
+      throw std::invalid_argument("joint " + std::to_string(k) + " is of another tree");
+    drives.push_back({planned[k], multiplier[k], offset[k]});
+    count = std::max(count, planned[k] + 1);
+  }
+  if (tip < 1 || tip > n) throw std::invalid_argument("tip must be a body that a joint moves");
+  return std::make_shared<const Tree>(before, drives, count, tip);
+}
+
+Chain chain(const Array& translations, const Array& rotations, const Array& axes,
+            const Array& slides, const Array& weights, const Array& masses, const Array& centers,
+            const Array& inertias, const std::vector<int>& before, const std::vector<int>& planned,
+            const Array& multipliers, const Array& offsets, int tip) {
+  Chain chain;
+  chain.tree = tree(before, planned, multipliers, offsets, tip);
+  const py::ssize_t n = chain.tree->joints();
+  const Rows axis = rows(axes, "axes", {n, 3});
   const Rows translation = rows(translations, "translations", {n + 1, 3});
   const Rows rotation = rows(rotations, "rotations", {n + 1, 3, 3});
   const Rows slide = rows(slides, "slides", {n, 3});
-  const Values weight = values(weights, "weights", {n});
+  const Values weight = values(weights, "weights", {chain.joints()});
   if (!(weight.array() >= 1e-6).all() || !(weight.array() <= 1e6).all())
     throw std::invalid_argument("weights must be from 1e-6 to 1e6");
   const Values mass = values(masses, "masses", {n + 1});
@@ -27,7 +49,6 @@ Chain chain(const Array& translations, const Array& rotations, const Array& axes
   const auto placement = [&](py::ssize_t k) {
     return Pose{translation.row(k), rotation.middleRows<3>(3 * k)};
   };
-  Chain chain;
   for (py::ssize_t k = 0; k < n; ++k) {
     chain.placements.push_back(placement(k));
     chain.axes.push_back(axis.row(k));
@@ -83,7 +104,8 @@ void bind_kinematics(py::module_& m) {
   py::class_<Chain>(m, "Chain")
       .def(py::init(&chain), py::arg("translations"), py::arg("rotations"), py::arg("axes"),
            py::arg("slides"), py::arg("weights"), py::arg("masses"), py::arg("centers"),
-           py::arg("inertias"))
+           py::arg("inertias"), py::arg("before"), py::arg("planned"), py::arg("multipliers"),
+           py::arg("offsets"), py::arg("tip"))
       .def_property_readonly("joints", &Chain::joints);
   m.def("velocity", &velocity, py::arg("chain"), py::arg("q"), py::arg("momentum"),
         py::arg("twist_ee_in_inertial"), py::arg("bias"), py::arg("damping"));

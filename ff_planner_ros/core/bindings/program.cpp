@@ -118,7 +118,7 @@ PathProgram path_program(const Paths& paths, double step, const PathObjective& o
   for (const auto& [number, one] : requirements) {
     const auto* known = std::get_if<Requirement>(&one);
     numbered.push_back({number, known ? *known : std::make_shared<RowsByPython>(std::get<1>(one))});
-    numbered.back().requirement->require_fits(joints, paths->points());
+    numbered.back().requirement->require_fits(*paths->chain().tree, paths->points());
   }
   if (correction && (correction->v.rows() != paths->points() || correction->v.cols() != 6 + joints))
     throw std::invalid_argument("correction is of other points, or of another chain");

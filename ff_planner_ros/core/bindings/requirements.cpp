@@ -183,8 +183,7 @@ void bind_requirements(py::module_& m) {
                           Field{"interest", &LoadsWithin::interest});
   required<GraspWrenchWithin>(
       m, "grasp_wrench_within", Field{"base", &DynamicLoadsWithin::base},
-      Field{"joints_before", &GraspWrenchWithin::joints_before},
-      Field{"position", &GraspWrenchWithin::position},
+      Field{"link", &GraspWrenchWithin::link}, Field{"position", &GraspWrenchWithin::position},
       Field{"rotation", &GraspWrenchWithin::rotation}, Field{"mass", &GraspWrenchWithin::mass},
       Field{"center", &GraspWrenchWithin::center}, Field{"inertia", &GraspWrenchWithin::inertia},
       Field{"parts", &GraspWrenchWithin::parts}, Field{"margin", &LoadsWithin::margin},

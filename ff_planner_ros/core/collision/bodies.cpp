@@ -8,20 +8,25 @@
 namespace ff {
 
 PlacedBodies::PlacedBodies(const Chain& chain, const Bodies& of, const Joints& joints)
-    : of(of), origins(3, chain.joints()), axes(3, chain.joints()), slides(3, chain.joints()) {
+    : of(of),
+      tree(chain.tree),
+      origins(3, tree->joints()),
+      axes(3, tree->joints()),
+      slides(3, tree->joints()) {
+  const Joints positions = tree->positions(joints);
   std::array<Pose, kMaxJoints + 1> links;
   links[0] = {Vector3::Zero(), Matrix3::Identity()};
-  for (int k = 0; k < chain.joints(); ++k) {
-    links[k + 1] = links[k] * chain.placements[k];
+  for (int k = 0; k < tree->joints(); ++k) {
+    links[k + 1] = links[tree->before[k]] * chain.placements[k];
     origins.col(k) = links[k + 1].position;
     axes.col(k) = links[k + 1].rotation * chain.axes[k];
     slides.col(k) = links[k + 1].rotation * chain.slides[k];
-    links[k + 1] = chain.moved(links[k + 1], k, joints[k]);
+    links[k + 1] = chain.moved(links[k + 1], k, positions[k]);
   }
   poses.reserve(of.bodies.size());
   centers.reserve(of.bodies.size());
   for (const Body& body : of.bodies) {
-    const Pose& link = links[body.carriers];
+    const Pose& link = links[body.link];
     poses.push_back(link * body.placement);
     centers.push_back(link.position + link.rotation * body.center);
   }
@@ -30,33 +35,37 @@ PlacedBodies::PlacedBodies(const Chain& chain, const Bodies& of, const Joints& j
       const Body& body = of.bodies[number];
       lines_.push_back(body.solid);
       if (!body.stretches()) continue;
-      const Pose& link = links[body.carriers];
-      const Vector3 end = 2 * body.center + joints[body.carriers] * body.slide;
+      const Pose& link = links[body.link];
+      const Vector3 end = 2 * body.center + positions[tree->to_tip(body.link)] * body.slide;
       const auto turned = Eigen::Quaterniond::FromTwoVectors(Vector3::UnitZ(), end);
       lines_.back().sizes[1] = end.norm() / 2;
       centers[number] = link * (end / 2);
       poses[number] = {centers[number], link.rotation * turned.toRotationMatrix()};
     }
-  tip = (links[chain.joints()] * chain.tip).position;
+  tip = (links[tree->tip] * chain.tip).position;
 }
 
 double PlacedBodies::along(const Gap& found, int k) const {
   const Vector3 moved = axes.col(k).cross(found.point - origins.col(k)) + slides.col(k);
-  return found.normal.dot(moved);
+  return tree->drives[k].multiplier * found.normal.dot(moved);
 }
 
 Velocity PlacedBodies::gradient(const Gap& found, int body) const {
-  const int carriers = of.bodies[body].carriers;
+  const int link = of.bodies[body].link;
   const bool stretches = of.bodies[body].stretches();
-  Velocity by_q(6 + carriers + stretches);
+  const int count = tree->is_chain() ? link + stretches : tree->planned;
+  Velocity by_q(6 + count);
   by_q.head<6>() = -stack(found.normal, found.point.cross(found.normal));
-  for (int k = 0; k < carriers; ++k) by_q[6 + k] = -along(found, k);
+  by_q.tail(count).setZero();
+  for (const int k : tree->moving(link)) by_q[6 + tree->drives[k].planned] -= along(found, k);
   if (!stretches) return by_q;
   // A place on a line moves by that part of the way of its end.
   const double half_length = solid(body).sizes[1];
   const double from_center = poses[body].rotation.col(2).dot(found.point - centers[body]);
   const double part = std::clamp(from_center / std::max(half_length, kNoDirection), -1.0, 1.0);
-  by_q[6 + carriers] = -(1 + part) / 2 * found.normal.dot(slides.col(carriers));
+  const int next = tree->to_tip(link);
+  const Tree::Drive& drive = tree->drives[next];
+  by_q[6 + drive.planned] -= drive.multiplier * (1 + part) / 2 * found.normal.dot(slides.col(next));
   return by_q;
 }
 
@@ -110,10 +119,14 @@ DistanceRows pair_rows(const BodiesAlong& along, double interest) {
       if (!counts(found.distance, interest)) continue;
       if (by_x.size() == 0) by_x = along.path.derivatives(i);
       auto row = rows.add(found.distance, name, by_x.cols());
-      const double sign = first.carriers < second.carriers ? 1 : -1;
-      for (int k = std::min(first.carriers, second.carriers);
-           k < std::max(first.carriers, second.carriers); ++k)
-        row += sign * placed.along(found, k) * by_x.row(6 + k);
+      const Tree& tree = *placed.tree;
+      const auto add = [&](double sign, const Body& moved, const Body& other) {
+        for (const int k : tree.moving(moved.link))
+          if (!tree.moves(k, other.link))
+            row += sign * placed.along(found, k) * by_x.row(6 + tree.drives[k].planned);
+      };
+      add(1, second, first);
+      add(-1, first, second);
     }
   }
   return rows;

@@ -11,15 +11,18 @@
 namespace ff {
 
 struct Body {
-  int carriers;    // so many of the arm's joints carry it
-  Pose placement;  // in the frame of the last of them
+  int link;        // the one of the chain's bodies that it is fixed to
+  Pose placement;  // in the frame of that
   Vector3 center;  // likewise, of a sphere around it
   double radius;   // of that sphere
   Solid solid;
-  // A line from that frame to where the next joint slides: how its end moves with that joint.
+  // A line from that frame to where the next joint to the tip slides: how its end moves with that.
   Vector3 slide = Vector3::Zero();
 
   bool stretches() const { return !slide.isZero(0); }
+  bool fits(const Tree& tree) const {
+    return link <= tree.joints() && (!stretches() || tree.leads_to_tip(link));
+  }
 };
 
 struct Bodies {
@@ -39,6 +42,7 @@ struct DistanceRows {
 // Where joints and bodies are at some joint angles.
 struct PlacedBodies {
   const Bodies& of;
+  std::shared_ptr<const Tree> tree;
   Matrix3J origins, axes, slides;  // of the joints
   std::vector<Pose> poses;         // of the bodies; likewise centres
   std::vector<Vector3> centers;
@@ -51,7 +55,7 @@ struct PlacedBodies {
     return lines_.empty() ? of.bodies[body].solid : lines_[body];
   }
 
-  // How fast joint k moves what it carries along the normal.
+  // How fast the planned joint that drives joint k so moves what that carries along the normal.
   double along(const Gap& found, int k) const;
 
   // The derivatives of a body's distance from what is no part of the robot, by the tangent of the
@@ -82,7 +86,8 @@ struct BodiesAlong {
 // Tells whether a distance is of interest.
 bool counts(double distance, double interest);
 
-// Named by configuration, then pair. Only the joints between two bodies move one against the other.
+// Named by configuration, then pair. Only joints that move one of two bodies alone move it against
+// the other.
 DistanceRows pair_rows(const BodiesAlong& along, double interest);
 
 }  // namespace ff

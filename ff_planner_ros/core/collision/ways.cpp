@@ -7,7 +7,8 @@ namespace {
 // the joints. The derivative of a cubic is a quadratic, and is never beyond its Bezier points; that
 // of the base's place V(phi) nu is at most |nu'| + |phi'| |nu| / 2.
 RowMajor rates_of(const CubicMotion& motion) {
-  const Eigen::Index intervals = motion.times.size() - 1, joints = motion.chain.joints();
+  const Tree& tree = *motion.chain.tree;
+  const Eigen::Index intervals = motion.times.size() - 1, joints = tree.planned;
   RowMajor rates(intervals, 2 + joints);
   for (Eigen::Index i = 0; i < intervals; ++i) {
     const auto first = motion.cubics.row(3 * i), second = motion.cubics.row(3 * i + 1),
@@ -21,42 +22,52 @@ RowMajor rates_of(const CubicMotion& motion) {
     rates.row(i) << moving + turning * of_way.rowwise().norm().maxCoeff() / 2, turning,
         of_rate.rightCols(joints).cwiseAbs().colwise().maxCoeff();
   }
-  return rates;
+  if (tree.is_chain()) return rates;
+  RowMajor of_each(intervals, 2 + tree.joints());
+  of_each.leftCols<2>() = rates.leftCols<2>();
+  for (int k = 0; k < tree.joints(); ++k)
+    of_each.col(2 + k) =
+        std::abs(tree.drives[k].multiplier) * rates.col(2 + tree.drives[k].planned);
+  return of_each;
 }
 
 // The stretched arm, and the spheres around its bodies.
 class Levers {
  public:
   Levers(const CubicMotion& motion, const RowMajor& rates)
-      : chain_(motion.chain), slid_(Joints::Zero(chain_.joints())) {
-    for (int k = 0; k < chain_.joints(); ++k) {
+      : chain_(motion.chain), tree_(*chain_.tree), slid_(Joints::Zero(tree_.joints())) {
+    for (int k = 0; k < tree_.joints(); ++k) {
       if (!slides(k)) continue;
-      for (const Configuration& q : motion.q) slid_[k] = std::max(slid_[k], std::abs(q.joints[k]));
+      for (const Configuration& q : motion.q)
+        slid_[k] = std::max(slid_[k], std::abs(tree_.positions(q.joints)[k]));
       slid_[k] += rates.col(2 + k).maxCoeff();
     }
     reached_.push_back(0);
-    for (int k = 0; k < chain_.joints(); ++k)
-      reached_.push_back(reached_[k] + chain_.placements[k].position.norm() + slid_[k]);
+    for (int k = 0; k < tree_.joints(); ++k)
+      reached_.push_back(reached_[tree_.before[k]] + chain_.placements[k].position.norm() +
+                         slid_[k]);
   }
 
   // Of a body's points: from the base, then from each joint that moves the body.
   Joints outwards(const Body& body) const {
-    const int last = body.carriers;
-    const double around = body.radius + (body.stretches() ? slid_[last] : 0);
-    Joints levers = Joints::Zero(1 + chain_.joints());
-    for (int k = 0; k <= last; ++k)
-      levers[k] = reached_[last] - reached_[k] + body.center.norm() + around;
-    if (last > 0) levers[last] = body.center.cross(chain_.axes[last - 1]).norm() + around;
-    if (body.stretches()) levers[1 + last] = 1;
-    for (int k = 0; k < last; ++k)
-      if (slides(k)) levers[1 + k] = 1;
+    const int last = body.link;
+    const double around = body.radius + (body.stretches() ? slid_[tree_.to_tip(last)] : 0);
+    Joints levers = Joints::Zero(1 + tree_.joints());
+    const auto lever = [&](int k) {
+      return reached_[last] - reached_[k] + body.center.norm() + around;
+    };
+    levers[0] = lever(0);
+    for (const int k : tree_.moving(last)) levers[1 + k] = slides(k) ? 1 : lever(1 + k);
+    if (last > 0 && !slides(last - 1))
+      levers[last] = body.center.cross(chain_.axes[last - 1]).norm() + around;
+    if (body.stretches()) levers[1 + tree_.to_tip(last)] = 1;
     return levers;
   }
 
   // From joint k to a body's points, where the joint is beyond the body.
   double back(const Body& body, int k) const {
     if (slides(k)) return 1;
-    const int next = body.carriers;
+    const int next = tree_.moving(k + 1)[tree_.moving(body.link).size()];
     const Pose& joint = chain_.placements[next];
     const Vector3 center = joint.inverse() * body.center;
     if (k == next) return center.cross(chain_.axes[k]).norm() + body.radius;
@@ -67,6 +78,7 @@ class Levers {
   bool slides(int k) const { return !chain_.slides[k].isZero(0); }
 
   const Chain& chain_;
+  const Tree& tree_;
   Joints slid_;                  // how far each joint slides from zero at most
   std::vector<double> reached_;  // how far each joint's frame, after the base's, is from the base
 };
@@ -98,15 +110,25 @@ Ways ways_of_bodies(const CubicMotion& motion, const Bodies& of) {
 Ways ways_of_pairs(const CubicMotion& motion, const Bodies& of) {
   const RowMajor rates = rates_of(motion);
   const Levers levers(motion, rates);
+  const Tree& tree = *motion.chain.tree;
   RowMajor ways = RowMajor::Zero(rates.rows(), of.pairs.size());
   for (size_t pair = 0; pair < of.pairs.size(); ++pair) {
     const auto [a, b] = of.pairs[pair];
-    const bool in_order = of.bodies[a].carriers < of.bodies[b].carriers;
-    const Body &before = of.bodies[in_order ? a : b], &behind = of.bodies[in_order ? b : a];
-    const Joints outwards = levers.outwards(behind);
-    // A joint between both changes their distance equally by whichever it is said to move.
-    for (int k = before.carriers; k < behind.carriers; ++k)
-      ways.col(pair) += std::min(outwards[1 + k], levers.back(before, k)) * rates.col(2 + k);
+    const auto add = [&](const Body& moved, const Body& other) {
+      const Joints outwards = levers.outwards(moved);
+      const std::vector<int>&of_moved = tree.moving(moved.link),
+            &of_other = tree.moving(other.link);
+      // A joint between both changes their distance equally by whichever it is said to move.
+      const bool is_between = of_other.empty() || tree.moves(of_other.back(), moved.link);
+      for (const int k : of_moved) {
+        if (tree.moves(k, other.link)) continue;
+        const double lever = outwards[1 + k];
+        ways.col(pair) +=
+            (is_between ? std::min(lever, levers.back(other, k)) : lever) * rates.col(2 + k);
+      }
+    };
+    add(of.bodies[b], of.bodies[a]);
+    add(of.bodies[a], of.bodies[b]);
   }
   return Ways(ways);
 }

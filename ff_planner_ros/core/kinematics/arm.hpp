@@ -6,19 +6,21 @@ namespace ff {
 
 using ArmPoints = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxJoints + 1>;
 
-// Joint origins, then the end effector, and what the joints turn about or slide along; inertial
-// frame.
+// Origins of the joints from base to tip, then the end effector, and what all joints turn about or
+// slide along; inertial frame.
 struct Arm {
+  const Tree& tree;
   ArmPoints points;
-  Matrix3J axes, slides;
+  Matrix3J origins, axes, slides;
   Vector3 base;
   Matrix3 base_to_inertial;
 
   Arm(const Chain& chain, const Configuration& q);
 
-  // Derivative, along a direction, of a place that the first joints, so many, carry along: by a
-  // step of the base in its own axes, and by the joints.
-  Velocity gradient_of_carried(int count, const Vector3& place, const Vector3& direction) const;
+  Vector3 end_effector() const { return points.rightCols<1>(); }
+  // Derivative, along a direction, of a place on a body: by a step of the base in its own axes, and
+  // by the joints; those that are planned.
+  Velocity gradient_of_carried(int body, const Vector3& place, const Vector3& direction) const;
 
   // Writes d points along steps dq, a column each: rows 3 k to 3 k + 2 are of point k.
   void derivatives(const Eigen::Ref<const RowMajor>& dq, Eigen::Ref<RowMajor> d_points) const;

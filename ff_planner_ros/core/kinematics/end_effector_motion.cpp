@@ -23,19 +23,22 @@ EndEffectorMotion::EndEffectorMotion(const Posture& posture, const SystemState& 
   follow(base_acceleration(follow(Vector6::Zero())));
   position = state.position + state.rotation * posture.tip.position;
   rotation = state.rotation * posture.tip.rotation;
-  twist = to_tip_ * bodies_.back().twist;
-  acceleration = to_tip_ * bodies_.back().acceleration;
+  twist = to_tip_ * of_tip().twist;
+  acceleration = to_tip_ * of_tip().acceleration;
   // From the spatial to the classical acceleration: omega x v more.
   acceleration.head<3>() += twist.tail<3>().cross(twist.head<3>());
 }
 
 EndEffectorDerivatives EndEffectorMotion::derivatives() const {
-  const int n = static_cast<int>(state_.rates.size());
+  const Tree& tree = *posture_.tree;
+  const int n = tree.joints();
   EndEffectorDerivatives of{to_tip_,        Matrix6(),      Matrix6J(6, n), Matrix6J(6, n),
                             Matrix6J(6, n), Matrix6J(6, n), Matrix6J(6, n)};
-  Matrix6 coriolis = Matrix6::Zero();  // C_k
-  Vector6 force = Vector6::Zero();     // on body k and all beyond
+  std::vector<Matrix6> of_twists(n + 1, Matrix6::Zero());  // C_k
+  std::vector<Vector6> forces(n + 1, Vector6::Zero());     // on body k and all beyond
   for (int k = n; k >= 0; --k) {
+    Matrix6& coriolis = of_twists[k];
+    Vector6& force = forces[k];
     const Body& at = bodies_[k];
     const Matrix6 carried = posture_.body[k].matrix() * cross_motion_matrix(at.twist);
     const Matrix3 linear = skew(at.momentum.head<3>());
@@ -47,7 +50,8 @@ EndEffectorDerivatives EndEffectorMotion::derivatives() const {
     // Of the end effector, where u, a and the wrench change.
     const auto acceleration_by = [&](const Vector6& u, const Vector6& a, Vector6 wrench) {
       wrench += posture_.composite[k] * Vector6(a + cross_motion(at.twist, u)) + coriolis * u;
-      const Vector6 of_twist = to_tip_ * u, beyond = bodies_.back().twist - at.twist;
+      if (k > 0 && !tree.moves_tip(k - 1)) return Vector6(to_tip_ * base_acceleration(wrench));
+      const Vector6 of_twist = to_tip_ * u, beyond = of_tip().twist - at.twist;
       Vector6 found = to_tip_ * (a + cross_motion(u, beyond) + base_acceleration(wrench));
       found.head<3>() +=
           of_twist.tail<3>().cross(twist.head<3>()) + twist.tail<3>().cross(of_twist.head<3>());
@@ -67,18 +71,28 @@ EndEffectorDerivatives EndEffectorMotion::derivatives() const {
         acceleration_by(u, -cross_motion(s, at.acceleration), cross_force(s, force));
     of.acceleration_by_rates.col(k - 1) = acceleration_by(s, cross_motion(at.twist, s), none);
     of.acceleration_by_accelerations.col(k - 1) = acceleration_by(none, s, none);
+    of_twists[tree.before[k - 1]] += coriolis;
+    forces[tree.before[k - 1]] += force;
   }
+  of.jacobian = posture_.of_tip(of.jacobian);
+  of.twist_by_angles = posture_.of_tip(of.twist_by_angles);
+  for (Matrix6J* by : {&of.jacobian, &of.twist_by_angles, &of.acceleration_by_angles,
+                       &of.acceleration_by_rates, &of.acceleration_by_accelerations})
+    *by = tree.by_planned(*by);
   return of;
 }
 
 Vector6 EndEffectorMotion::follow(const Vector6& of_base) {
+  const Tree& tree = *posture_.tree;
+  const Joints rates = tree.rates(state_.rates), accelerations = tree.rates(state_.accelerations);
   Vector6 V = state_.base_twist, A = of_base, wrench = Vector6::Zero();
   bodies_.clear();
-  for (int k = 0; k <= state_.rates.size(); ++k) {
+  for (int k = 0; k <= tree.joints(); ++k) {
     if (k > 0) {
       const Vector6 s = posture_.screws.col(k - 1);
-      V += s * state_.rates[k - 1];
-      A += s * state_.accelerations[k - 1] + cross_motion(V, s) * state_.rates[k - 1];
+      const Body& before = bodies_[tree.before[k - 1]];
+      V = before.twist + s * rates[k - 1];
+      A = before.acceleration + (s * accelerations[k - 1] + cross_motion(V, s) * rates[k - 1]);
     }
     const Inertia& inertia = posture_.body[k];
     bodies_.push_back({V, A, inertia * V, inertia * A});

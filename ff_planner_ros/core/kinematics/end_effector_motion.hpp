@@ -68,6 +68,8 @@ class EndEffectorMotion {
   // What brings a wrench on the base to zero.
   Vector6 base_acceleration(Vector6 wrench) const;
 
+  const Body& of_tip() const { return bodies_[posture_.tree->tip]; }
+
   const Posture& posture_;
   SystemState state_;
   int first_borne_;  // of the entries of the base's motion that it cannot change; 6: none

@@ -7,28 +7,33 @@ namespace ff {
 InverseDynamics::InverseDynamics(const Posture& posture, Base base, const Vector6& base_twist,
                                  const Joints& rates, const Joints& accelerations)
     : torques(rates.size()), posture_(posture), free_(free_rows(base)) {
+  const Tree& tree = *posture_.tree;
   const int n = joints();
+  const Joints each_rate = tree.rates(rates), each_acceleration = tree.rates(accelerations);
   twists_[0] = base_twist;
   accelerations_[0].setZero();
   for (int k = 0; k < n; ++k) {
-    const Vector6 S = posture_.screws.col(k), moved = S * rates[k];
-    twists_[k + 1] = twists_[k] + moved;
+    const int before = tree.before[k];
+    const Vector6 S = posture_.screws.col(k), moved = S * each_rate[k];
+    twists_[k + 1] = twists_[before] + moved;
     accelerations_[k + 1] =
-        accelerations_[k] + S * accelerations[k] + cross_motion(twists_[k], moved);
+        accelerations_[before] + S * each_acceleration[k] + cross_motion(twists_[before], moved);
   }
-  Vector6 H = Vector6::Zero(), F = Vector6::Zero();
-  for (int k = n; k >= 0; --k) {
-    const Vector6 momentum = posture_.body[k] * twists_[k];
-    momenta_[k] = H += momentum;
-    forces_[k] = F += posture_.body[k] * accelerations_[k] + cross_force(twists_[k], momentum);
+  for (int k = 0; k <= n; ++k) {
+    momenta_[k] = posture_.body[k] * twists_[k];
+    forces_[k] = posture_.body[k] * accelerations_[k] + cross_force(twists_[k], momenta_[k]);
   }
+  add_beyond(tree, momenta_);
+  add_beyond(tree, forces_);
   // The base accelerates as it must for no force on it.
   const Vector6 of_base = base_acceleration(forces_[0]);
   for (int k = 0; k <= n; ++k) {
     accelerations_[k] += of_base;
     forces_[k] += posture_.composite[k] * of_base;
   }
-  for (int k = 0; k < n; ++k) torques[k] = posture_.screws.col(k).dot(forces_[k + 1]);
+  JointRow each(n);
+  for (int k = 0; k < n; ++k) each[k] = posture_.screws.col(k).dot(forces_[k + 1]);
+  torques = tree.by_planned(each).transpose();
 }
 
 InverseDynamics::Derivatives InverseDynamics::torques_by() const {
@@ -38,31 +43,33 @@ InverseDynamics::Derivatives InverseDynamics::torques_by() const {
   for (int k = 0; k < n; ++k) {
     write(found, k, posture_.screws.col(k), posture_.composite[k + 1], momenta_[k + 1],
           beyond.rates[k + 1], k + 1);
-    beyond.write(found.by.row(k), posture_.screws.col(k), k + 1);
+    beyond.write(found.by.row(k), posture_.screws.col(k), k + 1, posture_.tree->beyond(k + 1));
   }
-  return with_free_base(found, beyond);
+  const Derivatives of_each = with_free_base(found, beyond);
+  if (posture_.tree->is_chain()) return of_each;
+  return posture_.tree->by_planned(Derivatives(of_each.transpose())).transpose();
 }
 
 Vector6 InverseDynamics::wrench(const HeldBody& body) const {
-  const Vector6 &V = twists_[body.joints], &A = accelerations_[body.joints];
+  const Vector6 &V = twists_[body.number], &A = accelerations_[body.number];
   return body.frame.transpose() * (body.inertia * A + cross_force(V, body.inertia * V));
 }
 
 InverseDynamics::Derivatives InverseDynamics::wrench_by(const HeldBody& body) const {
   Forces found(6, columns());
-  const Vector6& V = twists_[body.joints];
+  const Vector6& V = twists_[body.number];
   const Vector6 momentum = body.inertia * V;
   for (int i = 0; i < 6; ++i)
     write(found, i, body.frame.col(i), body.inertia, momentum, turning(body.inertia, V),
-          body.joints);
+          body.number);
   return with_free_base(found, Beyond(*this));
 }
 
 InverseDynamics::Beyond::Beyond(const InverseDynamics& of)
     : by_joints(6, of.joints()), by_rates(6, of.joints()), by_accelerations(6, of.joints()) {
   const int n = of.joints();
-  Matrix6 rate = Matrix6::Zero();
-  for (int k = n; k >= 0; --k) rates[k] = rate += turning(of.posture_.body[k], of.twists_[k]);
+  for (int k = 0; k <= n; ++k) rates[k] = turning(of.posture_.body[k], of.twists_[k]);
+  add_beyond(*of.posture_.tree, rates);
   for (int k = 0; k < n; ++k) {
     const Vector6 S = of.posture_.screws.col(k), u = of.carried(k);
     const Inertia& all = of.posture_.composite[k + 1];
@@ -75,11 +82,12 @@ InverseDynamics::Beyond::Beyond(const InverseDynamics& of)
 }
 
 void InverseDynamics::Beyond::write(Eigen::Ref<Eigen::RowVectorXd> to, const Vector6& direction,
-                                    int first) const {
-  const auto n = by_joints.cols(), count = n - first;
-  to.segment(first, count) = direction.transpose() * by_joints.rightCols(count);
-  to.segment(n + 6 + first, count) = direction.transpose() * by_rates.rightCols(count);
-  to.tail(count) = direction.transpose() * by_accelerations.rightCols(count);
+                                    int first, int count) const {
+  const auto n = by_joints.cols();
+  to.segment(first, count) = direction.transpose() * by_joints.middleCols(first, count);
+  to.segment(n + 6 + first, count) = direction.transpose() * by_rates.middleCols(first, count);
+  to.segment(2 * n + 6 + first, count) =
+      direction.transpose() * by_accelerations.middleCols(first, count);
 }
 
 std::vector<int> InverseDynamics::free_rows(Base base) {
@@ -103,10 +111,10 @@ Vector6 InverseDynamics::not_turned(int joint) const {
 }
 
 void InverseDynamics::write(Forces& to, int row, const Vector6& direction, const Inertia& inertia,
-                            const Vector6& momentum, const Matrix6& rate, int joints_before) const {
+                            const Vector6& momentum, const Matrix6& rate, int body) const {
   const int n = joints();
   const Vector6 g = inertia * direction, w = rate * direction - cross_force(direction, momentum);
-  for (int j = 0; j < joints_before; ++j) {
+  for (const int j : posture_.tree->moving(body)) {
     const Vector6 S = posture_.screws.col(j), u = carried(j);
     to.by(row, j) = g.dot(not_turned(j)) - w.dot(u);
     to.by(row, n + 6 + j) = w.dot(S) - 2 * g.dot(u);
@@ -122,9 +130,16 @@ InverseDynamics::Derivatives InverseDynamics::with_free_base(const Forces& force
   for (int i = 0; i < 6; ++i) {
     const Vector6 direction = Vector6::Unit(i);
     write(of_base, i, direction, posture_.composite[0], momenta_[0], beyond.rates[0], 0);
-    beyond.write(of_base.by.row(i), direction, 0);
+    beyond.write(of_base.by.row(i), direction, 0, joints());
   }
-  return forces.by + forces.by_base * base_accelerations(of_base.by);
+  const Tree& tree = *posture_.tree;
+  const Derivatives by = forces.by + forces.by_base * base_accelerations(of_base.by);
+  if (tree.is_chain()) return by;
+  Derivatives found(by.rows(), 3 * tree.planned + 6);
+  found << tree.by_planned(Derivatives(by.leftCols(joints()))), by.middleCols(joints(), 6),
+      tree.by_planned(Derivatives(by.middleCols(joints() + 6, joints()))),
+      tree.by_planned(Derivatives(by.rightCols(joints())));
+  return found;
 }
 
 Vector6 InverseDynamics::base_acceleration(const Vector6& force) const {

@@ -7,7 +7,7 @@ namespace ff {
 
 // A body that a link holds, in base axes.
 struct HeldBody {
-  int joints;  // those before the link
+  int number;  // of the link among the bodies
   Inertia inertia;
   Matrix6 frame;  // to base axes from those in which the wrench is told
 };
@@ -44,8 +44,9 @@ class InverseDynamics {
     Matrix6J by_joints, by_rates, by_accelerations;
 
     explicit Beyond(const InverseDynamics& of);
-    // Of the force along a direction, by the joints from one on.
-    void write(Eigen::Ref<Eigen::RowVectorXd> to, const Vector6& direction, int first) const;
+    // Of the force along a direction, by the joints from one on, so many.
+    void write(Eigen::Ref<Eigen::RowVectorXd> to, const Vector6& direction, int first,
+               int count) const;
   };
 
   int joints() const { return static_cast<int>(posture_.screws.cols()); }
@@ -61,12 +62,12 @@ class InverseDynamics {
   Vector6 carried(int joint) const;
   Vector6 not_turned(int joint) const;
 
-  // Writes how a force changes along a direction that turns with the joints before, as all does
-  // that exerts it.
+  // Writes how a force changes along a direction that turns with the joints that move a body, as
+  // all does that exerts it.
   void write(Forces& to, int row, const Vector6& direction, const Inertia& inertia,
-             const Vector6& momentum, const Matrix6& rate, int joints_before) const;
+             const Vector6& momentum, const Matrix6& rate, int body) const;
 
-  // With the change of the base's acceleration.
+  // With the change of the base's acceleration; by the planned joints.
   Derivatives with_free_base(const Forces& forces, const Beyond& beyond) const;
 
   // The accelerations of the base that take up forces on it.

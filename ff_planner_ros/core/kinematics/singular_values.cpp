@@ -43,16 +43,18 @@ bool is_surely_above(const Matrix6& matrix, double bound) {
 SingularValue smallest_singular_value(const Chain& chain, const Joints& joints,
                                       const Vector6& movable, double interest) {
   const Posture at(chain, joints);
-  const int n = chain.joints();
+  const Tree& tree = *at.tree;
+  const int n = tree.planned, each = tree.joints();
   const Matrix6J& S = at.screws;
   const Matrix6 X = Pose{at.tip.position, Matrix3::Identity()}.motion_to_inner();
   const Matrix6 borne = Vector6(Vector6::Ones() - movable).asDiagonal();
   const Matrix6 only = movable.asDiagonal();
   const Matrix6 base_inertia = only * at.composite[0].matrix() * only + borne;
   const Matrix6 base_inverse = solved(cholesky(base_inertia), only);
-  Matrix6J momenta(6, n);
-  for (int k = 0; k < n; ++k) momenta.col(k) = at.composite[k + 1] * S.col(k);
-  const Matrix6J unweighted = only * X * (S - base_inverse * momenta);  // J_D
+  Matrix6J momenta(6, each);
+  for (int k = 0; k < each; ++k) momenta.col(k) = at.composite[k + 1] * S.col(k);
+  const Matrix6J of_each = only * X * (at.of_tip(S) - base_inverse * momenta);
+  const Matrix6J unweighted = tree.by_planned(of_each);  // J_D
   const Joints rates_per_share = chain.weights.cwiseInverse();
   const Matrix6J generalised = unweighted * rates_per_share.asDiagonal();
 
@@ -79,21 +81,28 @@ SingularValue smallest_singular_value(const Chain& chain, const Joints& joints,
   SingularValue found{u.dot(generalised * r), Joints(n)};
   r = r.cwiseProduct(rates_per_share);
 
-  std::array<Vector6, kMaxJoints + 1> V;  // twist of each body
-  V[0] = -(base_inverse * (momenta * r));
-  for (int k = 0; k < n; ++k) V[k + 1] = V[k] + S.col(k) * r[k];
-  Vector6 G = Vector6::Zero();  // momentum of all bodies from k on
-  for (int k = n - 1; k >= 0; --k) {
+  const auto V = at.twists(-(base_inverse * (momenta * tree.rates(r))), r);  // of each body
+  std::array<Vector6, kMaxJoints + 1> G;  // momentum of a body and of all that it carries
+  for (int k = 0; k <= each; ++k) G[k] = at.body[k] * V[k];
+  add_beyond(tree, G);
+  const Vector6& of_tip = V[tree.tip];
+  JointRow by_each(each);
+  for (int k = 0; k < each; ++k) {
     const Vector6 s = S.col(k);
-    G += at.body[k + 1] * V[k + 1];
-    const Vector6 momentum = cross_force(s, G) - at.composite[k + 1] * cross_motion(s, V[k + 1]);
-    // The base gives way; the joints beyond turn with joint k, and so does the end effector.
-    const Vector6 change = cross_motion(s, V[n] - V[k + 1]) - base_inverse * momentum;
-    const Vector3 moved = s.head<3>() + s.tail<3>().cross(at.tip.position);
+    const Vector6 momentum =
+        cross_force(s, G[k + 1]) - at.composite[k + 1] * cross_motion(s, V[k + 1]);
+    Vector6 change = -(base_inverse * momentum);
+    Vector3 moved = Vector3::Zero();
+    if (tree.moves_tip(k)) {
+      // The base gives way; the joints beyond turn with joint k, and so does the end effector.
+      change = cross_motion(s, of_tip - V[k + 1]) - base_inverse * momentum;
+      moved = s.head<3>() + s.tail<3>().cross(at.tip.position);
+    }
     Vector6 of_twist = X * change;
-    of_twist.head<3>() += V[n].tail<3>().cross(moved);
-    found.by_joints[k] = u.dot(of_twist);
+    of_twist.head<3>() += of_tip.tail<3>().cross(moved);
+    by_each[k] = u.dot(of_twist);
   }
+  found.by_joints = tree.by_planned(by_each).transpose();
   return found;
 }
 

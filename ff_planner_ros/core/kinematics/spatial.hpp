@@ -62,6 +62,7 @@ struct Inertia {
   Inertia operator+(const Inertia& other) const {
     return {mass + other.mass, first + other.first, second + other.second};
   }
+  void operator+=(const Inertia& other) { *this = *this + other; }
   // Momentum of a motion.
   Vector6 operator*(const Vector6& motion) const {
     const Vector3 v = motion.head<3>(), w = motion.tail<3>();

@@ -22,6 +22,7 @@ class SystemMomentum {
   Matrix6J by_joints(const Vector3& base_rate, const Joints& rates) const;
 
  private:
+  std::shared_ptr<const Tree> tree_;
   Columns6 screws_;
   std::vector<Inertia> body_, composite_;
 };

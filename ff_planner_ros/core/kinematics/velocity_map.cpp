@@ -20,7 +20,7 @@ Matrix6 inverse(const Eigen::LLT<Matrix6>& factors) {
 
 VelocityMap::VelocityMap(const Chain& chain, const Configuration& q, const Vector6& momentum,
                          const Vector6& twist, const Joints& bias, double damping)
-    : v(6 + chain.joints()), posture(chain, q.joints), momenta(6, chain.joints()) {
+    : v(6 + chain.joints()), posture(chain, q.joints), momenta(6, posture.tree->joints()) {
   const int n = chain.joints();
   const Matrix3 inertial_to_base = q.attitude.toRotationMatrix().transpose();
   const Vector3 linear = momentum.head<3>();
@@ -31,11 +31,16 @@ VelocityMap::VelocityMap(const Chain& chain, const Configuration& q, const Vecto
   to_tip = posture.tip.motion_to_inner();
 
   base_inertia_inverse = posture.composite[0].inverse();
-  for (int k = 0; k < n; ++k) momenta.col(k) = posture.composite[k + 1] * posture.screws.col(k);
-  coupling = base_inertia_inverse.lazyProduct(momenta);
+  const Tree& tree = *posture.tree;
+  for (int k = 0; k < tree.joints(); ++k)
+    momenta.col(k) = posture.composite[k + 1] * posture.screws.col(k);
+  given_way = base_inertia_inverse.lazyProduct(momenta);
+  coupling = tree.by_planned(given_way);
   const Vector6 drift = base_inertia_inverse * h;
-  slack = posture.screws - coupling;
-  generalised = to_tip.lazyProduct(slack);  // J_D, Eq. (32)
+  slack = posture.screws - given_way;
+  const Matrix6J of_tip =
+      tree.is_chain() ? slack : Matrix6J(posture.of_tip(posture.screws) - given_way);
+  generalised = to_tip.lazyProduct(tree.by_planned(of_tip));  // J_D, Eq. (32)
   inverse_squares = chain.weights.array().square().inverse();
   weighted = generalised * inverse_squares.asDiagonal();
   Matrix6 square = damping * damping * Matrix6::Identity();
@@ -53,33 +58,47 @@ VelocityMap::VelocityMap(const Chain& chain, const Configuration& q, const Vecto
 VelocityDerivative::VelocityDerivative(const VelocityMap& map)
     : at_(map), of_momentum_(6, map.momenta.cols()), of_twist_(6, map.momenta.cols()) {
   const Velocity& v = map.v;
-  const int n = static_cast<int>(v.size()) - 6;
+  const Tree& tree = *at_.posture.tree;
+  const int n = tree.joints();
   const Matrix6J& S = at_.posture.screws;
   const Vector6 pull = at_.to_tip.transpose() * at_.mu;  // of the twist's multiplier, at the base
   const Vector6 a = at_.base_inertia_inverse * pull;     // the momentum's multiplier
-  std::array<Vector6, kMaxJoints + 1> V;
-  V[0] = v.head<6>();
-  for (int k = 0; k < n; ++k) V[k + 1] = V[k] + S.col(k) * v[6 + k];
+  const auto V = at_.posture.twists(v.head<6>(), v.tail(v.size() - 6));
+  std::array<Vector6, kMaxJoints + 1> G;
+  for (int k = 0; k <= n; ++k) G[k] = at_.posture.body[k] * V[k];
+  add_beyond(tree, G);
 
   Matrix6J of_base_force(6, n), carried(6, n);
-  Vector6 G = Vector6::Zero();
-  for (int k = n - 1; k >= 0; --k) {
+  for (int k = 0; k < n; ++k) {
     const Inertia& beyond = at_.posture.composite[k + 1];
     const Vector6 s = S.col(k), swept = cross_motion(s, V[k + 1]);
-    G += at_.posture.body[k + 1] * V[k + 1];
-    of_momentum_.col(k) = cross_force(s, G) - beyond * swept;
+    of_momentum_.col(k) = cross_force(s, G[k + 1]) - beyond * swept;
     of_twist_.col(k) = -(at_.to_tip * swept);
     carried.col(k) = cross_motion(s, a);
-    of_base_force.col(k) = cross_force(s, beyond * a - pull) - beyond * carried.col(k);
+    Vector6 pushed = beyond * a;
+    if (tree.moves_tip(k)) pushed -= pull;
+    of_base_force.col(k) = cross_force(s, pushed) - beyond * carried.col(k);
   }
   of_force_.resize(n, n);
   for (int k = 0; k < n; ++k)
-    for (int i = 0; i < n; ++i)  // what is beyond joint i does not move with it
-      of_force_(i, k) = i > k ? -at_.momenta.col(i).dot(carried.col(k)) -
-                                    at_.coupling.col(i).dot(of_base_force.col(k))
-                              : at_.slack.col(i).dot(of_base_force.col(k));
-  for (int k = 0; k < n; ++k) of_force_.row(k) *= at_.inverse_squares[k];
-  turning_ = at_.to_tip.block<3, 3>(3, 3).lazyProduct(S.bottomRows<3>());
+    for (int i = 0; i < n; ++i) {
+      if (tree.moves(i, k + 1)) {
+        of_force_(i, k) = at_.slack.col(i).dot(of_base_force.col(k));
+        continue;
+      }
+      // What is beyond joint i does not move with it; on another branch, nothing does.
+      const double own = tree.moves(k, i + 1) ? -at_.momenta.col(i).dot(carried.col(k)) : 0;
+      of_force_(i, k) = own - at_.given_way.col(i).dot(of_base_force.col(k));
+    }
+  if (!tree.is_chain()) {
+    of_momentum_ = tree.by_planned(of_momentum_);
+    of_twist_ = tree.by_planned(at_.posture.of_tip(of_twist_));
+    of_force_ =
+        tree.by_planned(MatrixJJ(tree.by_planned(of_force_).transpose())).transpose().eval();
+  }
+  for (int k = 0; k < tree.planned; ++k) of_force_.row(k) *= at_.inverse_squares[k];
+  const Matrix6J turned = tree.is_chain() ? S : tree.by_planned(at_.posture.of_tip(S));
+  turning_ = at_.to_tip.block<3, 3>(3, 3).lazyProduct(turned.bottomRows<3>());
 }
 
 Velocity VelocityDerivative::along_bias(const Joints& dbias) const {

@@ -64,10 +64,12 @@ struct VelocityMap {
   Matrix3 inertial_to_ee;
   Matrix6 to_tip, base_inertia_inverse;  // X: J = X [1 S], H = [I^c_0, I^c_k S_k]
   Matrix6 square_inverse;                // of J_D W^-2 J_D^T, damped
-  Matrix6J momenta, coupling, slack;     // I^c_k S_k; base twist per rate, negative; S less it
-  Matrix6J generalised;                  // J_D
-  Matrix6J weighted;                     // J_D W^-2
-  Joints inverse_squares;                // of the weights
+  // Of each joint: I^c_k S_k; base twist per rate, negative; S less it
+  Matrix6J momenta, given_way, slack;
+  Matrix6J coupling;       // base twist per rate of planned joints, negative
+  Matrix6J generalised;    // J_D
+  Matrix6J weighted;       // J_D W^-2
+  Joints inverse_squares;  // of the weights
 
   // momentum: total P and L about the inertial origin; twist: linear and angular, inertial axes;
   // bias: z; damping: singular values of J_D that are not much greater are damped.

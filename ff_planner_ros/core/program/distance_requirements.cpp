@@ -82,9 +82,8 @@ Eigen::Index AllowedContacts::away_from(const AtStart& of, const BodiesAlong& al
   return first;
 }
 
-void BodiesApart::require_fits(Eigen::Index joints, Eigen::Index points) const {
-  for (const Body& body : bodies->bodies)
-    require(body.carriers + body.stretches() <= joints, "bodies are of another chain");
+void BodiesApart::require_fits(const Tree& tree, Eigen::Index points) const {
+  for (const Body& body : bodies->bodies) require(body.fits(tree), "bodies are of another chain");
   if (allowed) allowed->require_fits(configurations(points));
 }
 
@@ -97,8 +96,8 @@ DistanceRows BodiesApart::apart(DistanceRows rows, const LookedAt& at, Eigen::In
   return allowed ? allowed->without(std::move(rows), along(at), pairs) : rows;
 }
 
-void BodiesClear::require_fits(Eigen::Index joints, Eigen::Index points) const {
-  BodiesApart::require_fits(joints, points);
+void BodiesClear::require_fits(const Tree& tree, Eigen::Index points) const {
+  BodiesApart::require_fits(tree, points);
   require(times.size() == configurations(points), "times are those of another number of points");
 }
 

@@ -54,7 +54,7 @@ struct BodiesApart : PathRequirement {
   double interest;                                 // [m]
   bool quarter_way;  // whether distances are measured at quarters of the intervals, too
 
-  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
+  void require_fits(const Tree& tree, Eigen::Index points) const override;
 
  protected:
   // How many configurations of a path they are measured at.
@@ -70,7 +70,7 @@ struct BodiesClear : BodiesApart {
   Margins margins;
   Eigen::VectorXd times;  // of the configurations, ascending [s]
 
-  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
+  void require_fits(const Tree& tree, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 };
 

@@ -17,7 +17,7 @@ double OffAxis::inside(double half_angle) const {
   return along * std::sin(half_angle) - lateral * std::cos(half_angle);
 }
 
-void InCorridor::require_fits(Eigen::Index, Eigen::Index points) const {
+void InCorridor::require_fits(const Tree&, Eigen::Index points) const {
   require(grasp.fits(points), "grasp is that of another number of points");
 }
 
@@ -27,7 +27,7 @@ ConstraintRows InCorridor::rows(const LookedAt& at) const {
   ConstraintRows found;
   for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
     const Arm arm(at.chain, Configuration::read(path.q.row(i)));
-    const Vector3 from_grasp = arm.points.col(joints) - grasp.position(i);
+    const Vector3 from_grasp = arm.end_effector() - grasp.position(i);
     const Matrix3 to_inertial = grasp.rotation(i);
     const Vector3 place = to_inertial.transpose() * grasp.counts.cwiseProduct(from_grasp);
     const OffAxis seen(place, -direction);
@@ -42,8 +42,7 @@ ConstraintRows InCorridor::rows(const LookedAt& at) const {
     if (by_cone) by_place = -std::sin(half_angle) * direction - std::cos(half_angle) * seen.outward;
     if (away < distance) by_place -= margin / distance * outward;
     const Vector3 by_point = grasp.counts.cwiseProduct(to_inertial * by_place);
-    const Velocity by_q =
-        arm.gradient_of_carried(static_cast<int>(joints), arm.points.col(joints), by_point);
+    const Velocity by_q = arm.gradient_of_carried(arm.tree.tip, arm.end_effector(), by_point);
     Eigen::RowVectorXd by_x = by_q.transpose() * path.dq.middleRows(i * size, size);
     if (at.motion.has_duration()) {
       const Vector6 moved = grasp.by_duration(i, *at.motion.goal_by_duration);
@@ -55,9 +54,9 @@ ConstraintRows InCorridor::rows(const LookedAt& at) const {
   return found;
 }
 
-void GoalInView::require_fits(Eigen::Index joints, Eigen::Index points) const {
+void GoalInView::require_fits(const Tree& tree, Eigen::Index points) const {
   require(grasp.fits(points), "grasp is that of another number of points");
-  require(carrier <= joints, "carrier is a joint of another chain");
+  require(carrier <= tree.joints(), "carrier is a link of another chain");
 }
 
 ConstraintRows GoalInView::rows(const LookedAt& at) const {
@@ -94,9 +93,8 @@ ConstraintRows GoalInView::rows(const LookedAt& at) const {
 }
 
 Pose GoalInView::camera_at(const Chain& chain, const Configuration& q) const {
-  Pose at{q.position, q.attitude.toRotationMatrix()};
-  for (int k = 0; k < carrier; ++k) at = chain.moved(at * chain.placements[k], k, q.joints[k]);
-  return at * Pose{position, rotation};
+  const Pose base{q.position, q.attitude.toRotationMatrix()};
+  return chain.body(base, carrier, q.joints) * Pose{position, rotation};
 }
 
 }  // namespace ff

@@ -41,22 +41,22 @@ struct InCorridor : PathRequirement {
   double margin;    // at the distance; nearer it is less [m]
   double interest;  // [m]
 
-  void require_fits(Eigen::Index, Eigen::Index points) const override;
+  void require_fits(const Tree&, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 };
 
 // The goal in a camera's view, or nearer than a distance.
 struct GoalInView : PathRequirement {
   GraspSeen grasp;
-  int carrier;       // joints that move the camera; none: the base carries it
-  Matrix3 rotation;  // of the camera in the frame of the last of them
+  int carrier;       // the body that carries the camera
+  Matrix3 rotation;  // of the camera in the frame of that
   Vector3 position;  // likewise
   Vector3 axis;      // of the view, unit length, in the camera's frame
   double half_angle, until;
   double margin;    // [rad]
   double interest;  // [rad, m]
 
-  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
+  void require_fits(const Tree& tree, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 
  private:

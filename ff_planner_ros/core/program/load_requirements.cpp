@@ -29,8 +29,8 @@ ConstraintRows LoadsWithin::within(const Parts& parts, const Eigen::VectorXd& mo
   return taken(found);
 }
 
-void AccelerationsWithin::require_fits(Eigen::Index joints, Eigen::Index points) const {
-  require(parts.size() == joints, "parts are those of another chain");
+void AccelerationsWithin::require_fits(const Tree& tree, Eigen::Index points) const {
+  require(parts.size() == tree.planned, "parts are those of another chain");
   require(points >= 3, "accelerations need three points");
 }
 
@@ -52,8 +52,8 @@ RowMajor DynamicLoadsWithin::by_x(const InverseDynamics::Derivatives& by, const 
   return found;
 }
 
-void TorquesWithin::require_fits(Eigen::Index joints, Eigen::Index points) const {
-  require(parts.size() == joints, "parts are those of another chain");
+void TorquesWithin::require_fits(const Tree& tree, Eigen::Index points) const {
+  require(parts.size() == tree.planned, "parts are those of another chain");
   require(points >= 3, "torques need three points");
 }
 
@@ -74,8 +74,8 @@ ConstraintRows TorquesWithin::rows(const LookedAt& at) const {
   return within(Parts(torques, torques_by_x, parts), Eigen::VectorXd::Constant(n, 1 - margin));
 }
 
-void GraspWrenchWithin::require_fits(Eigen::Index joints, Eigen::Index points) const {
-  require(joints_before <= joints, "the grasp is on a link of another chain");
+void GraspWrenchWithin::require_fits(const Tree& tree, Eigen::Index points) const {
+  require(link <= tree.joints(), "the grasp is on a link of another chain");
   require(parts.size() == 2, "parts must be two");
   require(points >= 3, "wrenches need three points");
 }
@@ -103,16 +103,14 @@ ConstraintRows GraspWrenchWithin::rows(const LookedAt& at) const {
 }
 
 HeldBody GraspWrenchWithin::held(const Chain& chain, const Joints& positions) const {
-  Pose at{Vector3::Zero(), Matrix3::Identity()};
-  for (int k = 0; k < joints_before; ++k)
-    at = chain.moved(at * chain.placements[k], k, positions[k]);
-  at = at * Pose{position, rotation};
-  return {joints_before,
+  const Pose at = chain.body({Vector3::Zero(), Matrix3::Identity()}, link, positions) *
+                  Pose{position, rotation};
+  return {link,
           Inertia::of_body(mass, at * center, at.rotation * inertia * at.rotation.transpose()),
           at.inverse().motion_to_inner()};
 }
 
-void WheelsWithin::require_fits(Eigen::Index, Eigen::Index points) const {
+void WheelsWithin::require_fits(const Tree&, Eigen::Index points) const {
   require(momenta.size() == wheels.count() && torques.size() == wheels.count(),
           "momenta and torques are those of other wheels");
   require(points >= 3, "wheels need three points");

@@ -31,7 +31,7 @@ struct AccelerationsWithin : LoadsWithin {
   Eigen::VectorXd parts;  // of its limit that a unit of each joint is; zero: it has none
   bool between;           // points are so dense that what is between them is told by parabolas
 
-  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
+  void require_fits(const Tree& tree, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 };
 
@@ -58,21 +58,21 @@ struct DynamicLoadsWithin : LoadsWithin {
 struct TorquesWithin : DynamicLoadsWithin {
   Eigen::VectorXd parts;  // as of `AccelerationsWithin`
 
-  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
+  void require_fits(const Tree& tree, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 };
 
 // Force and torque through the grasp of a payload.
 struct GraspWrenchWithin : DynamicLoadsWithin {
-  int joints_before;      // those before the link that holds the payload
-  Vector3 position;       // of the grasp, in the frame of the last of these
+  int link;               // the body that holds the payload
+  Vector3 position;       // of the grasp, in the frame of that
   Matrix3 rotation;       // likewise
   double mass;            // of the payload [kg]
   Vector3 center;         // its centre of mass, in the frame of the grasp
   Matrix3 inertia;        // about that, likewise
   Eigen::VectorXd parts;  // of their limits that a unit of force and of torque is; zero: none
 
-  void require_fits(Eigen::Index joints, Eigen::Index points) const override;
+  void require_fits(const Tree& tree, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 
  private:
@@ -86,7 +86,7 @@ struct WheelsWithin : LoadsWithin {
   double excess;                     // fraction of the limits
   bool between;                      // as of `AccelerationsWithin`
 
-  void require_fits(Eigen::Index, Eigen::Index points) const override;
+  void require_fits(const Tree&, Eigen::Index points) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 
  private:

@@ -43,7 +43,7 @@ class PathRequirement {
   virtual ~PathRequirement() = default;
   virtual ConstraintRows rows(const LookedAt& at) const = 0;
   // Throws where it is of other joints, or of another number of points.
-  virtual void require_fits(Eigen::Index /*joints*/, Eigen::Index /*points*/) const {}
+  virtual void require_fits(const Tree& /*tree*/, Eigen::Index /*points*/) const {}
 
  protected:
   static void require(bool fits, const char* message);

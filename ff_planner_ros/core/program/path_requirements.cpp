@@ -2,8 +2,8 @@
 
 namespace ff {
 
-void PositionsWithin::require_fits(Eigen::Index joints, Eigen::Index) const {
-  require(lower.size() == joints && upper.size() == joints,
+void PositionsWithin::require_fits(const Tree& tree, Eigen::Index) const {
+  require(lower.size() == tree.planned && upper.size() == tree.planned,
           "lower and upper are limits of another chain");
 }
 
@@ -32,8 +32,8 @@ ConstraintRows PositionsWithin::rows(const LookedAt& at) const {
   return taken(found);
 }
 
-void RatesWithin::require_fits(Eigen::Index joints, Eigen::Index) const {
-  require(limits.size() == joints, "limits are those of another chain");
+void RatesWithin::require_fits(const Tree& tree, Eigen::Index) const {
+  require(limits.size() == tree.planned, "limits are those of another chain");
 }
 
 ConstraintRows RatesWithin::rows(const LookedAt& at) const {

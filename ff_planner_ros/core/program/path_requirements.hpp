@@ -14,7 +14,7 @@ struct PositionsWithin : PathRequirement {
   double excess, margin, interest;  // [rad, m]
   double stop_interest, jerk;
 
-  void require_fits(Eigen::Index joints, Eigen::Index) const override;
+  void require_fits(const Tree& tree, Eigen::Index) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 };
 
@@ -23,7 +23,7 @@ struct RatesWithin : PathRequirement {
   Eigen::VectorXd limits;           // [rad/s, m/s]
   double excess, margin, interest;  // fractions of the limits; the last: of what is far from them
 
-  void require_fits(Eigen::Index joints, Eigen::Index) const override;
+  void require_fits(const Tree& tree, Eigen::Index) const override;
   ConstraintRows rows(const LookedAt& at) const override;
 };
 

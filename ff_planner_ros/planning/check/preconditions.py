@@ -173,15 +173,17 @@ def _reach(robot: Robot) -> float:
     """Return an upper bound of the end effector's distance from the centre of mass [m]."""
     model = robot.model
     chaser, links = model.inertias[1], model.inertias[2:]
-    placements = [model.jointPlacements[2 + k] for k in range(1, robot.joints)]
-    placements.append(model.frames[robot.tip_frame_id].placement)
-    # From where the first joint is at zero to each joint and to the tip, the arm stretched.
-    lengths = np.array([0.0, *(np.linalg.norm(p.translation) for p in placements)])
-    lengths[:-1] += robot.furthest_slides
-    stretched = np.cumsum(lengths)
-    mount = np.linalg.norm(model.jointPlacements[2].translation - chaser.lever)
+    tree, first = robot.tree, model.jointPlacements[2 + robot.tree.to_tip[0]].translation
+    # From where the arm's first joint is at zero to each joint, all of it stretched.
+    stretched = np.zeros(tree.joints + 1)
+    for k, placement in enumerate(model.jointPlacements[2:]):
+        way = placement.translation - (0.0 if tree.before[k] else first)
+        length = np.linalg.norm(way) + robot.furthest_slides[k]
+        stretched[k + 1] = stretched[tree.before[k]] + length
+    mount = np.linalg.norm(first - chaser.lever)
     moment = chaser.mass * mount + sum(
         link.mass * (length + np.linalg.norm(link.lever))
-        for link, length in zip(links, stretched, strict=False)
+        for link, length in zip(links, stretched[1:], strict=True)
     )
-    return float(stretched[-1] + moment / pin.computeTotalMass(model))
+    beyond = np.linalg.norm(model.frames[robot.tip_frame_id].placement.translation)
+    return float(stretched[tree.tip] + beyond + moment / pin.computeTotalMass(model))

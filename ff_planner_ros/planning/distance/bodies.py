@@ -25,7 +25,7 @@ class Placed(NamedTuple):
     rotations: Array  # of the solids; shape (configurations, bodies, 3, 3)
     positions: Array  # of the solids' own frames; shape (configurations, bodies, 3) [m]
     centers: Array  # of the bounding spheres of the bodies; likewise
-    origins: Array  # of the joints; shape (configurations, joints, 3) [m]
+    origins: Array  # of all joints; shape (configurations, all, 3) [m]
     axes: Array  # of revolute joints, unit length, zero for prismatic ones; likewise
     slides: Array  # axes of prismatic joints, unit length, zero for revolute ones; likewise
     # Of lines that end at a joint that slides, from begin to end; zero of all else; likewise [m]
@@ -34,25 +34,26 @@ class Placed(NamedTuple):
 
 def placed_bodies(robot: Robot, angles: Array) -> Placed:
     """Return the poses at joint positions; angles: shape (configurations, joints) [rad, m]."""
-    count = len(angles)
-    steps = joint_rotations(robot, angles)
-    rotations = np.empty((count, robot.joints + 1, 3, 3))
-    positions = np.empty((count, robot.joints + 1, 3))
-    axes, slides = np.empty((2, count, robot.joints, 3))
+    count, tree = len(angles), robot.tree
+    moved = tree.positions(angles)
+    steps = joint_rotations(robot, moved)
+    rotations = np.empty((count, tree.joints + 1, 3, 3))
+    positions = np.empty((count, tree.joints + 1, 3))
+    axes, slides = np.empty((2, count, tree.joints, 3))
     rotations[:, 0], positions[:, 0] = np.eye(3), 0.0
     for k, placement in enumerate(robot.model.jointPlacements[2:]):
-        before = rotations[:, k]
-        positions[:, k + 1] = positions[:, k] + before @ placement.translation
-        axes[:, k] = before @ (placement.rotation @ robot.joint_axes[k])
-        slides[:, k] = before @ (placement.rotation @ robot.joint_slides[k])
-        positions[:, k + 1] += angles[:, k, None] * slides[:, k]
+        before = rotations[:, tree.before[k]]
+        positions[:, k + 1] = positions[:, tree.before[k]] + before @ placement.translation
+        axes[:, k] = before @ (placement.rotation @ tree.axes[k])
+        slides[:, k] = before @ (placement.rotation @ tree.slides[k])
+        positions[:, k + 1] += moved[:, k, None] * slides[:, k]
         np.matmul(before, steps[:, k], out=rotations[:, k + 1])
     carriers, placements, offsets, centers = _in_joints(robot)
     carried = rotations[:, carriers]
     stretches = np.zeros((count, len(carriers), 3))
     for number in stretched(robot):
-        before = carriers[number]
-        stretches[:, number] = positions[:, before + 1] - positions[:, before]
+        end, begin = stretching(robot)[number] + 1, carriers[number]
+        stretches[:, number] = positions[:, end] - positions[:, begin]
     return Placed(
         rotations=carried @ placements,
         positions=positions[:, carriers] + np.einsum("cbij,bj->cbi", carried, offsets),
@@ -74,7 +75,7 @@ def centers_in_base(q: Array, centers: Array) -> Array:
 
 @kept_with_it
 def _in_joints(robot: Robot) -> tuple[Indices, Array, Array, Array]:
-    """Return how many joints carry each body, and its placement and centre in the last of them."""
+    """Return the tree's body that carries each body, and its placement and centre in that."""
     bodies, at_joint = robot.bodies, pin.SE3.Identity()
     places = [at_joint if body.stretches else body.placement_in_joint for body in bodies]
     centers = [np.zeros(3) if body.stretches else body.center_in_joint for body in bodies]
@@ -91,13 +92,30 @@ def stretched(robot: Robot) -> list[int]:
     return [number for number, body in enumerate(robot.bodies) if body.stretches]
 
 
-def movers(robot: Robot) -> Indices:
-    """Return how many of the arm's joints move a point of each body. Shape (bodies,)."""
-    return carriers(robot) + np.array([body.stretches for body in robot.bodies], np.intp)
+def stretching(robot: Robot) -> Indices:
+    """Return the joint on the way to the tip behind each body that is on that way. (bodies,)."""
+    tree = robot.tree
+    behind = dict(zip(tree.before[tree.to_tip].tolist(), tree.to_tip, strict=True))
+    return np.array([behind.get(one, -1) for one in carriers(robot).tolist()], np.intp)
+
+
+@kept_with_it
+def movers(robot: Robot) -> Array:
+    """Return 1 for each joint that moves a point of a body, else 0. Shape (all, bodies)."""
+    found = carries(robot).copy()
+    for number in stretched(robot):
+        found[stretching(robot)[number], number] = 1.0
+    return found
+
+
+@kept_with_it
+def carries(robot: Robot) -> Array:
+    """Return 1 for each joint that carries a body, else 0. Shape (all, bodies)."""
+    return robot.tree.moves[:, carriers(robot)].astype(np.float64)
 
 
 def carriers(robot: Robot) -> Indices:
-    """Return how many of the arm's joints carry each body. Shape (bodies,)."""
+    """Return the number of the tree's body that carries each body. Shape (bodies,)."""
     return _in_joints(robot)[0]
 
 

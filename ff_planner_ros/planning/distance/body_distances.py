@@ -14,7 +14,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.bodies import (
     Placed,
-    carriers,
+    carries,
     centers_in_base,
     kinds_and_sizes,
     pairs,
@@ -164,11 +164,11 @@ def pair_gradients(
 ) -> Array:
     """Return the derivatives of `pair_distances` by the joint angles. Shape (rows, joints).
 
-    Only the joints between two bodies move one against the other.
+    Only joints that move one of two bodies alone move it against the other.
     """
-    first, second = (carriers(robot)[side][rows[1]] for side in pairs(robot))
+    first, second = (carries(robot)[:, side[rows[1]]].T for side in pairs(robot))
     turned = _turned(placed, found, rows[0])
-    return turned * (_carries(robot, second) - _carries(robot, first))
+    return robot.tree.by_planned(turned * (second - first))
 
 
 def obstacle_gradients(
@@ -178,20 +178,15 @@ def obstacle_gradients(
 
     Those by the base are by its tangent, linear part first, in base axes.
     """
-    by_joints = -_turned(placed, found, rows[0]) * _carries(robot, carriers(robot)[rows[1]])
+    moved = -_turned(placed, found, rows[0]) * carries(robot)[:, rows[1]].T
     # Seen from a base that moves, a centre moves the other way.
     by_turn = -np.cross(found.point, found.normal)
-    return np.hstack([-found.normal, by_turn, by_joints])
+    return np.hstack([-found.normal, by_turn, robot.tree.by_planned(moved)])
 
 
 def _turned(placed: Placed, found: Distances, configurations: Indices) -> Array:
-    """Return how fast each joint moves what it carries along the normal. Shape (rows, joints)."""
+    """Return how fast each joint moves what it carries along the normal. Shape (rows, all)."""
     lever = found.point[:, None] - placed.origins[configurations]
     moved = np.cross(placed.axes[configurations], lever) + placed.slides[configurations]
     along: Array = np.einsum("rji,ri->rj", moved, found.normal)
     return along
-
-
-def _carries(robot: Robot, joints: Indices) -> Array:
-    """Return 1 for each joint that carries a body, else 0. Shape (rows, joints)."""
-    return (np.arange(robot.joints) < joints[:, None]).astype(np.float64)

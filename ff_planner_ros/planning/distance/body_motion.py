@@ -21,7 +21,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.bodies import (
     Placed,
-    carriers,
+    carries,
     movers,
     pairs,
     placed_bodies,
@@ -31,7 +31,7 @@ from ff_planner_ros.planning.distance.body_reaches import (
     base_reaches,
     body_reaches,
     pair_reaches,
-    reaches_back,
+    reaches,
 )
 from ff_planner_ros.planning.distance.surroundings import Surroundings
 from ff_planner_ros.planning.motion.followed import FollowedMotion
@@ -63,8 +63,8 @@ def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
 
 
 def slides(robot: Robot) -> Array:
-    """Return 1 for each prismatic joint and 0 for each revolute one. Shape (joints,)."""
-    return np.asarray(robot.joint_slides.any(axis=1), np.float64)
+    """Return 1 for each prismatic joint and 0 for each revolute one. Shape (all,)."""
+    return np.asarray(robot.tree.slides.any(axis=1), np.float64)
 
 
 class Seen(NamedTuple):
@@ -144,15 +144,22 @@ def pair_bends(
         Of the second body seen from the first, then of the first from the second. (2, rows) [m].
     """
     first, second = (side[which] for side in pairs(robot))
-    carried, joint = carriers(robot), np.arange(robot.joints)
-    is_behind = carried[first] > carried[second]
-    inner, outer = np.where(is_behind, [second, first], [first, second])
-    between = (carried[inner][:, None] <= joint) & (joint < carried[outer][:, None])
-    rates, changes = (each[:, 2:] * between for each in _axes_between(robot, motion, begin, end))
-    turns = 1.0 - slides(robot)
-    out = _bends(rates, changes, body_reaches(robot)[:, outer].T, turns)
-    back = _bends_back(rates, changes, reaches_back(robot)[:, inner].T, turns)
-    return np.where(is_behind, [back, out], [out, back])
+    axes, turns = _axes_between(robot, motion, begin, end), 1.0 - slides(robot)
+    found, joint = [], np.arange(robot.tree.joints)
+    for seen_from, seen in ((first, second), (second, first)):
+        inwards, outwards = (carries(robot)[:, side].T for side in (seen_from, seen))
+        between = inwards != outwards
+        rates, changes = (each[:, 2:] * between for each in axes)
+        # From one body to the base as far as need be, then to the other.
+        way_in = np.where(between & (outwards == 1.0), len(joint) + joint, -joint)
+        only_out = ~(between & (inwards == 1.0)).any(axis=1)[:, None]
+        order = np.argsort(np.where(only_out, joint, way_in), axis=1)
+        levers = reaches(robot)[:, seen].T
+        rates, changes, levers = (
+            np.take_along_axis(one, order, axis=1) for one in (rates, changes, levers)
+        )
+        found.append(_bends(rates, changes, levers, turns[order]))
+    return np.array(found)
 
 
 def bends_beside(
@@ -182,8 +189,7 @@ def bends_beside(
     speed, acceleration, turn, reach, size = around.bounds[:, obstacle]
     step = times_at(motion, end) - times_at(motion, begin)
     one = np.ones(len(which))
-    carries = np.arange(robot.joints) < movers(robot)[body][:, None]
-    before, through = turn * step, np.column_stack([one, one, carries])
+    before, through = turn * step, np.column_stack([one, one, movers(robot)[:, body].T])
     rates, changes = (each * through for each in _axes_between(robot, motion, begin, end))
     rates[:, 0] += speed * step
     changes[:, 0] += acceleration * step**2
@@ -204,7 +210,7 @@ def bends_beside(
 class _Axes(NamedTuple):
     """Bounds of the rates of all axes by s and of their derivatives, each (points - 1, axes).
 
-    The axes are the base's displacement [m], its rotation and the joints [rad, m]; s is the part of
+    The axes are the base's displacement [m], its rotation and all joints [rad, m]; s is the part of
     an interval.
     """
 
@@ -233,8 +239,8 @@ def _axes(robot: Robot, motion: FollowedMotion) -> _Axes:
     # V changes by half the rate of the angle, and what turns by an axis that turns, too.
     changed = faster + turning * moving + (tumbling + turning**2) / 2 * way
     return _Axes(
-        np.column_stack([moving + turning * way / 2, turning, rates[:, 6:]]),
-        np.column_stack([changed, tumbling + turning**2 / 2, changes[:, 6:]]),
+        np.column_stack([moving + turning * way / 2, turning, robot.tree.sizes(rates[:, 6:])]),
+        np.column_stack([changed, tumbling + turning**2 / 2, robot.tree.sizes(changes[:, 6:])]),
     )
 
 
@@ -245,7 +251,7 @@ def _bends(rates: Array, changes: Array, levers: Array, turns: Array) -> Array:
         rates: Shape (rows, axes).
         changes: Of the rates, by s. Shape (rows, axes).
         levers: 1 for an axis that slides. Shape (rows, axes) [m].
-        turns: 1 for an axis that turns, 0 for one that slides. Shape (axes,).
+        turns: 1 for an axis that turns, 0 for one that slides. Shape (axes,), or as of rates.
     """
     turning = rates * turns
     before = np.cumsum(turning, axis=1) - turning

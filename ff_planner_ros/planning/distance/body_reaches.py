@@ -10,8 +10,14 @@ from itertools import product
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.bodies import carriers, kinds_and_sizes, pairs
-from ff_planner_ros.robot.collision.lines import BEYOND_LIMITS
+from ff_planner_ros.planning.distance.bodies import (
+    carriers,
+    carries,
+    kinds_and_sizes,
+    pairs,
+    stretching,
+)
+from ff_planner_ros.robot.collision.lines import slid
 from ff_planner_ros.robot.collision.primitives import Kind
 from ff_planner_ros.robot.kept_with import kept_with_it
 from ff_planner_ros.robot.model import Robot
@@ -27,15 +33,17 @@ def pair_reaches(robot: Robot) -> Array:
     The nearest points of both lie on one line along the normal. A joint between them changes the
     distance equally by whichever body it is said to move: the one with the shorter lever bounds it.
 
-    Shape (joints, pairs) [m per rad, m per m].
+    Shape (all, pairs) [m per rad, m per m].
     """
-    sides, carried = pairs(robot), carriers(robot)
-    inner, outer = np.sort([carried[side] for side in sides], axis=0)
-    order = np.argsort([carried[side] for side in sides], axis=0)
-    before, behind = np.take_along_axis(np.array(sides), order, axis=0)
-    joint = np.arange(robot.joints)[:, None]
-    nearer = np.minimum(reaches_back(robot)[:, before], body_reaches(robot)[:, behind])
-    return np.where((inner <= joint) & (joint < outer), nearer, 0.0)
+    first, second = pairs(robot)
+    nearer = np.minimum(reaches(robot)[:, first], reaches(robot)[:, second])
+    return np.where(carries(robot)[:, first] != carries(robot)[:, second], nearer, 0.0)
+
+
+@kept_with_it
+def reaches(robot: Robot) -> Array:
+    """Return how far any point of a body is at most from each joint, as the next two have it."""
+    return np.where(carries(robot) == 1.0, body_reaches(robot), reaches_back(robot))
 
 
 @kept_with_it
@@ -43,20 +51,19 @@ def body_reaches(robot: Robot) -> Array:
     """Return bounds of the distance of a body's points from each joint that moves the body.
 
     For the last that carries it it is the distance from the axis. 1 for prismatic joints, zero for
-    joints beyond the body. Shape (joints, bodies) [m per rad, m per m].
+    joints that do not move the body. Shape (all, bodies) [m per rad, m per m].
     """
-    along, reaches = _stretched(robot), np.zeros((robot.joints, len(robot.bodies)))
+    along, found = _stretched(robot), np.zeros((robot.tree.joints, len(robot.bodies)))
     for number, body in enumerate(_outlines(robot)):
-        carried = robot.bodies[number].joint - 1
+        carried = carriers(robot)[number]
+        moving = np.flatnonzero(robot.tree.moves[:, carried])
         if carried:
-            reaches[:carried, number] = along[carried] - along[1 : carried + 1] + body.farthest()
-            reaches[carried - 1, number] = body.farthest(axis=robot.joint_axes[carried - 1])
-            reaches[:carried, number] = np.where(
-                _slid(robot)[:carried] > 0.0, 1.0, reaches[:carried, number]
-            )
+            found[moving, number] = along[carried] - along[1 + moving] + body.farthest()
+            found[carried - 1, number] = body.farthest(axis=robot.tree.axes[carried - 1])
+            found[moving, number] = np.where(slid(robot)[moving] > 0.0, 1.0, found[moving, number])
         if robot.bodies[number].stretches:
-            reaches[carried, number] = 1.0
-    return reaches
+            found[stretching(robot)[number], number] = 1.0
+    return found
 
 
 @kept_with_it
@@ -68,40 +75,44 @@ def base_reaches(robot: Robot) -> Array:
 
 @kept_with_it
 def reaches_back(robot: Robot) -> Array:
-    """Return how far any point of a body is at most from each joint beyond it.
+    """Return how far any point of a body is at most from each joint that does not carry it.
 
-    Of the first of them it is the distance from the axis. 1 for prismatic joints, zero for joints
-    that carry the body. Shape (joints, bodies) [m per rad, m per m].
+    Of the first of those that the body carries it is the distance from the axis. 1 for prismatic
+    joints, zero for joints that carry the body. Shape (all, bodies) [m per rad, m per m].
     """
-    along, reaches = _stretched(robot), np.zeros((robot.joints, len(robot.bodies)))
+    tree, along, slides = robot.tree, _stretched(robot), slid(robot)
+    found = np.zeros((tree.joints, len(robot.bodies)))
     for number, body in enumerate(_outlines(robot)):
-        carried = robot.bodies[number].joint - 1
-        if carried < robot.joints:
-            joint = robot.model.jointPlacements[2 + carried]
-            farthest = body.farthest(joint.translation)
-            farthest += _slid(robot)[carried]
-            reaches[carried:, number] = along[carried + 1 :] - along[carried + 1] + farthest
-            axis = joint.rotation @ robot.joint_axes[carried]
-            reaches[carried, number] = body.farthest(joint.translation, axis)
-            reaches[carried:, number] = np.where(
-                _slid(robot)[carried:] > 0.0, 1.0, reaches[carried:, number]
-            )
-    return reaches
+        carried = carriers(robot)[number]
+        for k in np.flatnonzero(~tree.moves[:, carried]).tolist():
+            own = np.flatnonzero(tree.moves[:, k + 1] & ~tree.moves[:, carried]).tolist()[0]
+            first = tree.before[own]  # the body that carries both
+            if slides[k] > 0.0:
+                found[k, number] = 1.0
+            elif first != carried:
+                aside = along[k + 1] + along[carried] - 2.0 * along[first]
+                found[k, number] = aside + body.farthest()
+            else:
+                joint = robot.model.jointPlacements[2 + own]
+                farthest = body.farthest(joint.translation)
+                farthest += slides[own]
+                found[k, number] = along[k + 1] - along[own + 1] + farthest
+                if k == own:
+                    axis = joint.rotation @ tree.axes[k]
+                    found[k, number] = body.farthest(joint.translation, axis)
+    return found
 
 
 def _stretched(robot: Robot) -> Array:
-    """Return the distances of base and joints along the stretched arm. Shape (joints + 1,) [m].
+    """Return the distances of base and joints along the stretched arm. Shape (all + 1,) [m].
 
     Prismatic joints are at their furthest.
     """
-    placements = robot.model.jointPlacements[2:]
-    lengths = [float(np.linalg.norm(at.translation)) for at in placements]
-    return np.cumsum([0.0, *(lengths + _slid(robot))])
-
-
-def _slid(robot: Robot) -> Array:
-    """Return how far each joint slides from zero at most; zero if it turns. Shape (joints,) [m]."""
-    return robot.furthest_slides + BEYOND_LIMITS * robot.joint_slides.any(axis=1)
+    found, slides = np.zeros(robot.tree.joints + 1), slid(robot)
+    for k, placement in enumerate(robot.model.jointPlacements[2:]):
+        length = float(np.linalg.norm(placement.translation)) + slides[k]
+        found[k + 1] = found[robot.tree.before[k]] + length
+    return found
 
 
 class _Outline:
@@ -124,11 +135,12 @@ class _Outline:
 @kept_with_it
 def _outlines(robot: Robot) -> tuple[_Outline, ...]:
     found = []
-    for body, kind, sizes in zip(robot.bodies, *kinds_and_sizes(robot), strict=True):
+    each = zip(robot.bodies, *kinds_and_sizes(robot), strict=True)
+    for number, (body, kind, sizes) in enumerate(each):
         if body.stretches:
-            end, furthest = 2 * body.center_in_joint, _slid(robot)[body.joint - 1]
-            slid = furthest * body.slide_in_joint
-            ends = np.array([np.zeros(3), end + slid, end - slid])
+            end, furthest = 2 * body.center_in_joint, slid(robot)[stretching(robot)[number]]
+            way = furthest * body.slide_in_joint
+            ends = np.array([np.zeros(3), end + way, end - way])
             found.append(_Outline(ends, 0.0))
             continue
         if kind == Kind.HULL:

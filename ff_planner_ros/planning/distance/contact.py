@@ -157,7 +157,7 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
     allowed, found = split_obstacles(problem).may_touch, list[Contact]()
     around, end = surroundings(problem.obstacles), problem.duration
     for number, body in enumerate(with_bodies(robot).bodies):
-        if body.joint != robot.joints + 1:
+        if body.joint != robot.tree.tip + 1:
             continue
         at = last_joint * body.placement_in_joint
         for index in around.near(last_joint.act(body.center_in_joint), body.radius, end):

@@ -18,7 +18,7 @@ from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes
 from ff_planner_ros.common.forms import a_number
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.momentum_regressor import PARAMETERS
+from ff_planner_ros.robot.momentum import PARAMETERS
 
 # A mass known to a factor of e only, or a velocity to 1 m/s, is not known at all.
 _DEVIATION = a_number(at_least=0.0, at_most=1.0)  # [share, m, m/s or rad/s]

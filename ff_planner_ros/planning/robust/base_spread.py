@@ -28,8 +28,7 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.uncertainty import Directions
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.momentum_regressor import inertial_parameters, momentum_regressors
+from ff_planner_ros.robot.momentum import inertial_parameters, momentum_regressors, total_momentum
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
@@ -151,20 +150,29 @@ def torques_by_errors(
     Returns:
         At the samples of the joints: shapes (points, joints) and (points, joints, errors) [N m].
     """
-    robot, rows = motion.robot, motion.robot.base.rows
-    model, data = robot.model, robot.model.createData()
+    robot, tree, rows = motion.robot, motion.robot.tree, motion.robot.base.rows
+    # Pinocchio's regressor is of joints that move by themselves.
+    model, data = tree.model, tree.model.createData()
     at = motion.at_points
     q, v = motion.q[at], motion.half_v[::2][at]
     acceleration = accelerations(robot, q, v, motion.joints.accelerations)
+    each = (
+        np.hstack([one[:, :base], of_joints(one[:, base:])])
+        for one, base, of_joints in (
+            (q, 7, tree.positions),
+            (v, 6, tree.rates),
+            (acceleration, 6, tree.rates),
+        )
+    )
     torques = np.empty_like(motion.joints.positions)
     by_errors = np.empty((*torques.shape, of.parameters.shape[1]))
-    for i, sample in enumerate(zip(q, v, acceleration, strict=True)):
+    for i, sample in enumerate(zip(*each, strict=True)):
         regressor = pin.computeJointTorqueRegressor(model, data, *sample).copy()
         _, of_v, mass = pin.computeRNEADerivatives(model, data, *sample)
         forces = regressor @ of.parameters + of_v[:, :6] @ spread.twist[at[i]]
         of_base = np.linalg.solve(mass[np.ix_(rows, rows)], -forces[rows])
-        torques[i] = data.tau[6:]
-        by_errors[i] = forces[6:] + mass[6:, rows] @ of_base
+        torques[i] = tree.by_planned(data.tau[6:])
+        by_errors[i] = tree.by_planned((forces[6:] + mass[6:, rows] @ of_base).T).T
     return torques, by_errors
 
 

@@ -23,6 +23,7 @@ from ff_planner_ros.robot.model import (
     read_urdf,
     robot_from_urdf_text,
 )
+from ff_planner_ros.robot.urdf.locked_joints import MEASURED, measurable
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
 
@@ -50,6 +51,18 @@ _XACRO_ARGUMENTS = Form(
 )
 
 
+def _read_locked(field: str, value: object) -> Mapping[str, float] | str:
+    if isinstance(value, str) and value != MEASURED:
+        allowed = "it must hold a position for each name of a joint, or be measured"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, value, allowed)
+    return MEASURED if isinstance(value, str) else POSITIONS.read(field, value)
+
+
+POSITIONS = by_name("a joint")
+_LOCKED = Form(_read_locked, lambda: {"anyOf": [{"const": MEASURED}, POSITIONS.schema()]})
+MEASURED_POSITIONS = "joints.locked"
+
+
 @dataclass(frozen=True)
 class RobotFile:
     """The block `robot` of a scenario: the robot's files, and how they are read."""
@@ -74,10 +87,10 @@ class RobotFile:
         "without limits",
         default=None,
     )
-    locked_joints: Mapping[str, float] | None = declare(
-        by_name("a joint"),
-        "locked joints and their positions; default: all joints that are not between base and tip, "
-        "at zero",
+    locked_joints: Mapping[str, float] | str | None = declare(
+        _LOCKED,
+        "locked joints and their positions, or measured: as joints.locked has them; default: all "
+        "joints that are not between base and tip, at zero",
         unit="rad, m",
         default=None,
     )
@@ -118,12 +131,20 @@ class RobotFile:
         default=None,
     )
 
-    def load(self, directory: Path | None) -> Robot:
+    def load(self, directory: Path | None, measured: Mapping[str, float] | None = None) -> Robot:
         """Load the robot from its files, whose paths may be relative to a directory.
 
+        Args:
+            measured: Positions of locked joints [rad, m]; None: there are none.
+
         Raises:
-            InvalidInput: A file cannot be read, or is refused.
+            InvalidInput: A file cannot be read, or is refused, or a locked joint was not measured.
         """
+        asked = self.locked_joints == MEASURED
+        if measured is not None and not asked:
+            allowed = "it is there with robot.locked_joints measured alone"
+            raise InvalidInput(Status.UNSUPPORTED, MEASURED_POSITIONS, "given", allowed)
+        given = measured if isinstance(self.locked_joints, str) else self.locked_joints
         text, place, arguments = self.urdf, None, self.xacro_arguments or NO_ARGUMENTS
         if not text.startswith("<"):
             file = resolve_uri(text, relative_to=directory)
@@ -138,7 +159,7 @@ class RobotFile:
             self.base_link,
             self.tip_link,
             self.base,
-            self.locked_joints or {},
+            given or {},
             self.geometry,
             pairs,
             place,
@@ -146,6 +167,10 @@ class RobotFile:
             SLIDE_WEIGHT if self.slide_weight is None else self.slide_weight,
             self.inertia or InertiaChoice.POSSIBLE,
         )
+        if asked and (missing := measurable(robot.locked_joints, given or {})):
+            allowed = "robot.locked_joints is measured: it must have all joints that are locked"
+            field = f"{MEASURED_POSITIONS}.{missing[0]}"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, "missing", allowed)
         return (
             robot if self.payload is None else with_payload(robot, self.payload.loaded(directory))
         )

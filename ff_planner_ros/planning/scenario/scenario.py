@@ -40,7 +40,7 @@ from ff_planner_ros.planning.scenario.body_file import TARGET_BODY, BodyFile
 from ff_planner_ros.planning.scenario.defaults import Defaults as Defaults
 from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
 from ff_planner_ros.planning.scenario.phases_file import PHASES, built, first_named, split
-from ff_planner_ros.planning.scenario.robot_file import RobotFile
+from ff_planner_ros.planning.scenario.robot_file import MEASURED_POSITIONS, POSITIONS, RobotFile
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.following import require_askable_phases
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -83,6 +83,13 @@ KEYS: DeclaredFields = {
     ),
     "robot": DeclaredField(part(RobotFile), "the robot", name="robot"),
     **declared(SystemState),
+    MEASURED_POSITIONS: DeclaredField(
+        POSITIONS,
+        "where locked joints were measured, with robot.locked_joints measured",
+        unit="rad, m",
+        optional=True,
+        default=None,
+    ),
     **declared(PlanningProblem),
     "target_body": replace(declared(PlanningProblem)["target_body"], form=TARGET_BODY),
     **declared(PlanningTask),
@@ -177,7 +184,7 @@ def _built_of(whole: object, directory: Path | None, points: int, build: _Build[
     robot: Any = None  # only if there are faults
     if "robot" in read:
         with faults.gathered():
-            robot = read["robot"].load(directory)
+            robot = read["robot"].load(directory, read.get(MEASURED_POSITIONS))
     if robot is not None:
         _check_sizes(read, robot.joints, faults)
     _read_meshes(read, "", directory, faults)

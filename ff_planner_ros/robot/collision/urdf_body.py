@@ -19,7 +19,7 @@ from ff_planner_ros.robot.collision.solids import Solid, solid_of
 from ff_planner_ros.robot.urdf.locked_joints import (
     NOTHING_HELD,
     lock,
-    locked_positions,
+    locked_and_driven,
     told_position,
     without_mimicked,
 )
@@ -139,7 +139,7 @@ def _places(
 ) -> tuple[dict[str, pin.SE3], list[str]]:
     """Return the placement of each link in the frame of the root, and notes on locked joints."""
     joints = {joint.get("name", ""): joint for joint in tree.above.values()}
-    where = locked_positions(joints, (), locked_joints, LOCKED_JOINTS, faults)
+    where, _ = locked_and_driven(joints, (), locked_joints, LOCKED_JOINTS, faults)
     places, told = dict[str, pin.SE3](), list[str]()
     for link in tree.order:
         joint = tree.above.get(link)

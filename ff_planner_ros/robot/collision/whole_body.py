@@ -126,7 +126,9 @@ def _notes(model: pin.Model, bodies: tuple[Body, ...], may_touch: list[MayTouch]
     bare = {*range(2, model.njoints)} - {body.joint for body in bodies}
     # A link without length needs none: the next joint is at the same point.
     bare -= {
-        j - 1 for j in range(3, model.njoints) if not model.jointPlacements[j].translation.any()
+        model.parents[j]
+        for j in range(3, model.njoints)
+        if not model.jointPlacements[j].translation.any()
     }
     found = []
     if always:

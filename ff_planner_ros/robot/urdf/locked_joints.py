@@ -1,4 +1,4 @@
-"""Joints that are locked: where each of them is, and where that puts the link that it carries."""
+"""Joints that are not planned: locked ones, and where they are, and those that others drive."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ import pinocchio as pin
 from ff_planner_ros.robot.urdf.urdf_faults import LARGEST, LONGEST_NOTE, Faults, listed
 from ff_planner_ros.robot.urdf.urdf_xml import LOCKED
 
+# The word for the positions of locked joints that are those last measured.
+MEASURED = "measured"
+
 NOTHING_HELD: Mapping[str, float] = MappingProxyType({})
 
 _FIXED = "fixed"
@@ -27,43 +30,87 @@ _SHORTEST_AXIS = 1e-6
 _SAME_POSITION = 1e-3
 
 
-def locked_positions(
+class Drive(NamedTuple):
+    """What a joint mimics: it is at multiplier times the position of that, plus an offset."""
+
+    of: str  # name of the other joint
+    multiplier: float
+    offset: float  # [rad, m]
+
+
+def locked_and_driven(
     joints: Mapping[str, Element],
     planned: Collection[str],
     given: Mapping[str, float],
     field: str,
     faults: Faults,
-) -> dict[str, float]:
-    """Return the position of each joint that is not planned [rad, m], zero for a fixed one.
+) -> tuple[dict[str, float], dict[str, Drive]]:
+    """Return the position of each joint that is locked [rad, m], and what drives others, by name.
 
-    It is as given, or follows from the locked joint that it mimics, or else is zero, or the limit
-    nearest to zero. A joint that moves because it mimics a planned one is a fault.
+    A joint that is not planned is driven if it mimics a planned one, by itself or by others. Else
+    it is locked: as given, as follows from the locked joint that it mimics, at zero, or at the
+    limit nearest to zero; one that is fixed is at zero.
 
     Args:
         joints: All joints of the URDF, by name.
-        planned: Names of the joints that are not locked.
+        planned: Names of the joints that move by themselves.
         given: Positions by name.
         field: Name of `given` in faults.
     """
     given = {n: at for n, at in given.items() if _can_be_locked(joints, n, at, field, faults)}
-    mimics = {one: _mimic(joint, joints) for one, joint in joints.items() if one not in planned}
-    found = dict[str, float]()
+    mimics = {
+        one: _mimic(one, joint, joints, faults)
+        for one, joint in joints.items()
+        if one not in planned
+    }
+    found, driven = dict[str, float](), dict[str, Drive]()
     for name in mimics:
         way = {name: None}  # each mimics the next one
         last = name
-        while (mimic := mimics.get(last)) is not None:
-            last = mimic.get("joint", "")
-            if last in way or not last or last in planned:
-                _add_fault(name, last, last in planned, field, faults)
+        while last not in planned and (mimic := mimics.get(last)) is not None:
+            last = mimic.of
+            if last in way or not last:
+                _add_fault(name, last, faults)
                 break
             way[last] = None
         else:
             for one in reversed(way):
-                if one not in found:
-                    found[one] = _position(
-                        one, joints[one], mimics[one], found, given, field, faults
-                    )
-    return found
+                drive = mimics.get(one)
+                if one in found or one in driven or one in planned:
+                    continue
+                if drive is None or drive.of in found:
+                    found[one] = _position(one, joints[one], drive, found, given, field, faults)
+                    continue
+                if one in given:
+                    allowed = f"it mimics {last}, which is planned: lock {last} instead"
+                    faults.add(field, one, "", given[one], allowed)
+                through = _through(drive, driven.get(drive.of))
+                if through.multiplier:
+                    driven[one] = through
+                else:
+                    found[one] = through.offset
+    return found, driven
+
+
+def _through(drive: Drive, mimicked: Drive | None) -> Drive:
+    """Return what a planned joint does by way of one that mimics it; None: by itself."""
+    if mimicked is None:
+        return drive
+    of, multiplier, offset = mimicked
+    return Drive(of, drive.multiplier * multiplier, drive.multiplier * offset + drive.offset)
+
+
+def mimics(xml: str) -> dict[str, Drive]:
+    """Return what each joint of a checked URDF mimics that mimics one."""
+    return {
+        joint.get("name", ""): Drive(
+            mimic.get("joint", ""),
+            float(mimic.get("multiplier", "1")),
+            float(mimic.get("offset", "0")),
+        )
+        for joint in ElementTree.fromstring(xml).findall("joint[mimic]")
+        for mimic in joint.iter("mimic")
+    }
 
 
 def without_mimicked(joints: Mapping[str, Element]) -> list[str]:
@@ -77,19 +124,22 @@ def without_mimicked(joints: Mapping[str, Element]) -> list[str]:
     return [f"joints that mimic one that is not there: {listed(told, LONGEST_NOTE)}"] * bool(told)
 
 
-def _mimic(joint: Element, joints: Mapping[str, Element]) -> Element | None:
-    mimic = None if joint.get("type") == "fixed" else joint.find("mimic")
-    if mimic is not None and (of := mimic.get("joint")) and of not in joints:
+def _mimic(
+    name: str, joint: Element, joints: Mapping[str, Element], faults: Faults
+) -> Drive | None:
+    mimic = None if joint.get("type") == _FIXED else joint.find("mimic")
+    if mimic is None or ((of := mimic.get("joint")) and of not in joints):
         return None
-    return mimic
+    along = {"multiplier": 1.0, "offset": 0.0}
+    for key in along:
+        if mimic.get(key) is not None:
+            along[key] = faults.number("joint", name, f"mimic {key}", mimic, key)
+    return Drive(mimic.get("joint", ""), **along)
 
 
-def _add_fault(name: str, mimicked: str, is_planned: bool, field: str, faults: Faults) -> None:
-    """Add the fault of a joint that mimics one that no locked joint can mimic."""
-    if is_planned:
-        value = f"a mimic of {mimicked}, which is planned"
-        allowed = f"lock {mimicked} in {field}, or make {name} a fixed joint"
-    elif mimicked:
+def _add_fault(name: str, mimicked: str, faults: Faults) -> None:
+    """Add the fault of a joint that mimics one that it cannot mimic."""
+    if mimicked:
         value, allowed = "in a ring of joints that mimic each other", "one must move by itself"
     else:
         value, allowed = "a mimic of no joint", "its <mimic> must name one"
@@ -99,28 +149,23 @@ def _add_fault(name: str, mimicked: str, is_planned: bool, field: str, faults: F
 def _position(
     name: str,
     joint: Element,
-    mimic: Element | None,
+    drive: Drive | None,
     found: Mapping[str, float],
     given: Mapping[str, float],
     field: str,
     faults: Faults,
 ) -> float:
     """Return the position of a locked joint; `found` has that of the joint that it mimics."""
-    if mimic is None:
+    if drive is None:
         return given.get(name, _nearest_to_zero(joint))
-    along = {"multiplier": 1.0, "offset": 0.0}
-    for key in along:
-        if mimic.get(key) is not None:
-            along[key] = faults.number("joint", name, f"mimic {key}", mimic, key)
-    mimicked = mimic.get("joint", "")
-    at = along["multiplier"] * found[mimicked] + along["offset"]
+    at = drive.multiplier * found[drive.of] + drive.offset
     if math.isnan(at):  # a fault already
         return 0.0
     if abs(at) > LARGEST:
         faults.add("joint", name, "mimic", f"at {at:g}", f"its size must be at most {LARGEST:g}")
         return 0.0
     if abs(given.get(name, at) - at) > _SAME_POSITION:
-        allowed = f"it mimics {mimicked}, which puts it at {at:g}: lock {mimicked} instead"
+        allowed = f"it mimics {drive.of}, which puts it at {at:g}: lock {drive.of} instead"
         faults.add(field, name, "", given[name], allowed)
     return given.get(name, at)
 
@@ -177,6 +222,23 @@ def lock(joint: Element, at: float, place: pin.SE3 | None, faults: Faults) -> pi
     return place * motion
 
 
+def make_fixed(joint: Element, place: pin.SE3 | None) -> None:
+    """Make a joint a fixed one, whose link is elsewhere than its origin says if that is given."""
+    joint.set("type", "fixed")
+    drop(joint, "axis", "limit", "mimic")
+    if place is not None:
+        drop(joint, "origin")
+        numbers = place.translation, pin.rpy.matrixToRpy(place.rotation)
+        xyz, rpy = (" ".join(map(repr, vector.tolist())) for vector in numbers)
+        SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+
+
+def drop(joint: Element, *tags: str) -> None:
+    """Remove the parts of a joint of some tags."""
+    for part in [part for part in joint if part.tag in tags]:
+        joint.remove(part)
+
+
 def told_position(joint: Element, at: float) -> str:
     """Return name and position of a locked joint as text."""
     return f"{joint.get('name', '')} at {at:g} {_UNITS.get(joint.get('type', ''), '')}".rstrip()
@@ -204,6 +266,7 @@ class LockedJoint(NamedTuple):
     name: str
     type: str  # `revolute`, `continuous` or `prismatic`; `fixed` where the URDF itself fixes it
     position: float  # [rad, m]; zero of a fixed one
+    follows: bool = False  # whether a locked joint that it mimics takes it there
 
     @property
     def unit(self) -> str:
@@ -234,8 +297,19 @@ def locked_joints_in(
             kind = _FIXED if told is None else told.get("type", "")
             at = 0.0 if told is None else Faults().number("", "", "", told, "position")
         if kind in (*_UNITS, _FIXED):
-            found.append(LockedJoint(name, kind, at))
+            mimic = joint.find("mimic")
+            follows = kind != _FIXED and mimic is not None and mimic.get("joint") in joints
+            found.append(LockedJoint(name, kind, at, follows))
     return tuple(found)
+
+
+def measurable(locked_joints: Sequence[LockedJoint], given: Collection[str]) -> list[str]:
+    """Return the joints that are locked where they were measured, but for those that are given."""
+    return [
+        one.name
+        for one in locked_joints
+        if not one.is_fixed and not one.follows and one.name not in given
+    ]
 
 
 def with_locked(xml: str, locked_joints: Sequence[LockedJoint]) -> str:

@@ -12,34 +12,31 @@ import pinocchio as pin
 
 from ff_planner_ros.robot.urdf.locked_joints import (
     NOTHING_HELD,
+    Drive,
     LockedJoint,
+    drop,
     has_axis,
     lock,
+    locked_and_driven,
     locked_joints_in,
-    locked_positions,
+    make_fixed,
     told_position,
     without_mimicked,
 )
-from ff_planner_ros.robot.urdf.urdf_bodies import (
-    SMALLEST,
-    check_bodies,
-    placement,
-)
+from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, check_bodies, placement
 from ff_planner_ros.robot.urdf.urdf_faults import (
     LARGEST,
     LONGEST_NOTE,
     Faults,
-    finite_numbers,
     listed,
     shortened,
 )
-from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
+from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, not_counted, one_of, tree_of
 from ff_planner_ros.robot.urdf.urdf_xml import (
     LOCKED,
     InertiaChoice,
     inertia_choice,
     read_elements,
-    read_shapes,
 )
 
 # The planner's bound of continuous joints, either way from the turn of the start [rad].
@@ -50,6 +47,8 @@ _LOCKED = "robot.locked_joints"
 # Velocity limit that stands for none [rad/s, m/s]: every reader of URDFs wants a number.
 NO_VELOCITY_LIMIT = LARGEST
 
+_ENDS = ("lower", "upper")
+
 
 class CheckedUrdf(NamedTuple):
     """A URDF that passed the check, with its base and tip link."""
@@ -59,6 +58,8 @@ class CheckedUrdf(NamedTuple):
     tip_link: str
     notes: tuple[str, ...]  # for the user: joints that are locked, say
     locked_joints: tuple[LockedJoint, ...]
+    driven: Mapping[str, Drive]  # joints that planned ones drive
+    path: tuple[str, ...]  # joints from the root to the tip
 
 
 def checked_urdf(
@@ -71,8 +72,9 @@ def checked_urdf(
 ) -> CheckedUrdf:
     """Check a URDF, and return it reduced to links and joints, with all but the arm's joints fixed.
 
-    The arm's joints are the revolute and prismatic ones between base and tip. All others, those of
-    a gripper or of another arm, become fixed joints, at zero or at the limit nearest to zero.
+    The arm's joints are the revolute and prismatic ones between base and tip, and those that mimic
+    one of these. All others, those of a gripper or of another arm, become fixed joints, at zero or
+    at the limit nearest to zero.
 
     Args:
         base_link: None: the root.
@@ -103,6 +105,7 @@ def checked_urdf(
         for link, joint in tree.above.items()
     }
     notes, moving, locked = faults.notes, list[Element](), list[LockedJoint]()
+    driven = dict[str, Drive]()
     if chain is not None:
         locked_kinds = ("fixed", "prismatic") if holds_slides else ("fixed",)
         moving = [
@@ -110,14 +113,22 @@ def checked_urdf(
             for joint in chain
             if joint.get("type") not in locked_kinds and _name(joint) not in held_at
         ]
-        notes += _check_joints(tree, moving, base_link or "", placements, held_at, locked, faults)
+        names = {_name(joint) for joint in tree.above.values()}
+        along = [j for j in moving for mimic in j.iter("mimic") if mimic.get("joint") in names]
+        moving = [joint for joint in moving if joint not in along]
+        notes += _check_joints(
+            tree, moving, base_link or "", placements, held_at, locked, driven, faults
+        )
+        notes += _check_driven(tree, moving, along, driven, faults)
     choice = inertia_choice(robot, inertia, faults)
     notes += check_bodies(tree, placements, base_link or "", faults, choice)
     faults.refuse_if_any()
-    notes += _not_counted(moving, text)
+    notes += not_counted(moving, text)
     ElementTree.indent(robot)
     xml = ElementTree.tostring(robot, encoding="unicode")
-    return CheckedUrdf(xml, base_link or "", tip_link or "", tuple(notes), tuple(locked))
+    told = tip_link or ""
+    path = [_name(joint) for joint in tree.upwards(told)]
+    return CheckedUrdf(xml, base_link or "", told, tuple(notes), tuple(locked), driven, tuple(path))
 
 
 def _name(joint: Element) -> str:
@@ -165,12 +176,14 @@ def _check_joints(
     placements: dict[str, pin.SE3 | None],
     held_at: Mapping[str, float],
     locked: list[LockedJoint],
+    driven: dict[str, Drive],
     faults: Faults,
 ) -> list[str]:
     """Check the joints of the arm that move, fix all others, and return notes on these.
 
     Args:
         locked: Gets the joints that are fixed.
+        driven: Gets the joints that move along with planned ones.
     """
     for arm_joint in moving:
         _check_arm_joint(_name(arm_joint), arm_joint, faults)
@@ -179,7 +192,8 @@ def _check_joints(
         faults.add("number of joints from base to tip", "", "", 0, allowed)
     joints = {_name(joint): joint for joint in tree.above.values()}
     alone = without_mimicked(joints)
-    where = locked_positions(joints, [*map(_name, moving)], held_at, _LOCKED, faults)
+    where, drives = locked_and_driven(joints, [*map(_name, moving)], held_at, _LOCKED, faults)
+    driven |= drives
     locked += locked_joints_in(joints, where)
     # Links that move with the tip, and all that they carry.
     under_base = {link_of(joint, "child") for joint in tree.upwards(base_link)}
@@ -192,8 +206,10 @@ def _check_joints(
             continue
         if link_of(joint, "parent") in beyond:
             beyond.add(link)
+        if _name(joint) in driven and link not in under_base:
+            continue
         if joint.get("type") == "fixed":
-            _drop(joint, "axis", "limit", "mimic", LOCKED)
+            drop(joint, "axis", "limit", "mimic", LOCKED)
         elif link in under_base:
             value = "movable and carries the base link"
             faults.add("joint", _name(joint), "", value, "make it fixed")
@@ -203,7 +219,7 @@ def _check_joints(
             told = held if link in beyond else held_elsewhere
             told.append(told_position(joint, at))
             placements[link] = lock(joint, at, place, faults)
-            _make_fixed(joint, placements[link] if at else None)
+            make_fixed(joint, placements[link] if at else None)
     reasons = {
         "the end effector carries them": held,
         "they do not belong to the arm, or are to be held": held_elsewhere,
@@ -214,10 +230,83 @@ def _check_joints(
     return [*notes, *alone]
 
 
+def _check_driven(
+    tree: Tree,
+    moving: Sequence[Element],
+    along: Sequence[Element],
+    driven: Mapping[str, Drive],
+    faults: Faults,
+) -> list[str]:
+    """Check joints that planned ones drive, narrow the limits of these, and return notes.
+
+    Args:
+        along: Those of the arm, from base to tip.
+    """
+    arm = {_name(joint): joint for joint in moving}
+    order = [_name(joint) for joint in tree.upwards(link_of(along[-1], "child"))] if along else []
+    told, narrowed = list[str](), dict[str, list[str]]()
+    for link in tree.order:
+        joint = tree.above.get(link)
+        if joint is None or (drive := driven.get(name := _name(joint))) is None:
+            continue
+        _check_moving(name, joint, faults)
+        if joint in along and drive.of not in order[order.index(name) :]:
+            allowed = f"it must be the other way round: {drive.of} is further from the base"
+            faults.add("joint", name, "", f"a mimic of {drive.of}", allowed)
+        drop(joint, "mimic")
+        of, multiplier, along_with = drive.of, repr(drive.multiplier), repr(drive.offset)
+        SubElement(joint, "mimic", joint=of, multiplier=multiplier, offset=along_with)
+        offset = f" {drive.offset:+g}" if drive.offset else ""
+        told.append(f"{name} at {drive.multiplier:g} {of}{offset}")
+        if not len(faults) and _narrow(arm[of], joint, drive, faults):
+            narrowed.setdefault(of, []).append(name)
+    notes = [f"moved along: {listed(told, LONGEST_NOTE)}"] if told else []
+    for name, by in narrowed.items():
+        unit = "m" if arm[name].get("type") == "prismatic" else "rad"
+        lower, upper, rate = (
+            f"{float(_limit(arm[name]).get(key, '')):g}" for key in (*_ENDS, "velocity")
+        )
+        kept = f"{lower} to {upper} {unit} and {rate} {unit}/s"
+        notes.append(f"limits of {name} are {kept}, for what it moves along: {listed(by)}")
+    return notes
+
+
+def _narrow(arm_joint: Element, joint: Element, drive: Drive, faults: Faults) -> bool:
+    """Let a joint of the arm keep the limits of one that it drives; tell whether they change.
+
+    A joint that turns without end has a first turn if it drives others: they may not be where they
+    were a turn before.
+    """
+    kept, own = _limit(arm_joint), _limit(joint)
+    told = dict(kept.items())
+    if arm_joint.get("type") == "continuous":
+        arm_joint.set("type", "revolute")
+    if joint.get("type") != "continuous":
+        ends = sorted((float(own.get(end, "")) - drive.offset) / drive.multiplier for end in _ENDS)
+        lower = max(ends[0], float(kept.get("lower", "")))
+        upper = min(ends[1], float(kept.get("upper", "")))
+        if lower >= upper:
+            allowed = f"{arm_joint.get('name')}, which it mimics, cannot keep both their limits"
+            faults.add("joint", joint.get("name", ""), "limit", "out of reach", allowed)
+        kept.set("lower", repr(lower))
+        kept.set("upper", repr(upper))
+    rate = min(float(own.get("velocity", "")) / abs(drive.multiplier), float(told["velocity"]))
+    kept.set("velocity", repr(rate))
+    return any(float(kept.get(key, "")) != float(text) for key, text in told.items())
+
+
+def _limit(joint: Element) -> Element:
+    return next(joint.iter("limit"))
+
+
 def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
-    kind = joint.get("type")
     if joint.find("mimic") is not None:
-        faults.add("joint", name, "", "a mimic", "every joint of the arm must move by itself")
+        faults.add("joint", name, "", "a mimic", "the joint that it mimics is not there")
+    _check_moving(name, joint, faults)
+
+
+def _check_moving(name: str, joint: Element, faults: Faults) -> None:
+    kind = joint.get("type")
     if kind == "continuous":
         _limit_continuous(joint)
         _check_limits(name, joint, faults)
@@ -255,98 +344,3 @@ def _limit_continuous(joint: Element) -> None:
         limit = SubElement(joint, "limit", velocity=repr(NO_VELOCITY_LIMIT), effort="0")
     limit.set("lower", repr(-TURN_OF_CONTINUOUS))
     limit.set("upper", repr(TURN_OF_CONTINUOUS))
-
-
-def _not_counted(moving: Sequence[Element], text: str) -> list[str]:
-    """Return notes on what else a URDF says of the joints that move, and no plan counts."""
-    given = read_shapes(text)
-    commands = [
-        (_name(joint), one)
-        for joint in given.iterfind("ros2_control/joint")
-        for one in joint.iterfind("command_interface")
-        if not any(limits.get("enable") == "false" for limits in (*joint, *one))
-    ]
-    written = {_name(joint): joint for joint in given.iterfind("joint")}
-    soft, beyond, controlled, resisting = list[str](), list[str](), list[str](), list[str]()
-    for joint in moving:
-        name, kept = _name(joint), _Kept(joint)
-        own = written[name]
-        if (safety := own.find("safety_controller")) is not None:
-            at_most = (safety.get(f"soft_{end}_limit", "") for end in ("lower", "upper"))
-            soft += kept.stricter("position", *at_most)
-        if own.get("type") == "continuous" and (limit := own.find("limit")) is not None:
-            beyond += kept.stricter("position", limit.get("lower", ""), limit.get("upper", ""))
-        for interface in (one for of, one in commands if of == name):
-            ends = {one.get("name"): one.text or "" for one in interface}
-            at_most = (ends.get(end, "") for end in ("min", "max"))
-            controlled += kept.stricter(interface.get("name", ""), *at_most)
-        if (dynamics := own.find("dynamics")) is not None:
-            resisting += kept.resisting(dynamics)
-    mimics = [
-        f"{_name(joint)} mimics {(one.text or '').strip()}"
-        for joint in given.iterfind("ros2_control/joint")
-        for one in joint.iterfind("param[@name='mimic']")
-        if written.get(_name(joint), joint).find("mimic") is None
-    ]
-    told = {
-        "joints that mimic another in <ros2_control> alone, which is not modelled": mimics,
-        "stricter limits in <safety_controller>, which are not kept": soft,
-        "stricter limits in <ros2_control>, which are not kept": controlled,
-        "limits of continuous joints, which are not kept": beyond,
-        "not counted in the torques of joints": resisting,
-    }
-    return [f"{what}: {listed(which, LONGEST_NOTE)}" for what, which in told.items() if which]
-
-
-class _Kept:
-    """The limits that plans keep of a joint."""
-
-    def __init__(self, joint: Element) -> None:
-        limit = joint.find("limit")
-        told = {} if limit is None else {key: float(text) for key, text in limit.items()}
-        effort = told.get("effort", 0.0) or math.inf  # zero means unknown
-        rate = told.get("velocity", math.inf)
-        position = told.get("lower", -math.inf), told.get("upper", math.inf)
-        self._name = _name(joint)
-        self._unit, self._force = ("m", "N") if joint.get("type") == "prismatic" else ("rad", "N m")
-        self._limits = {
-            "position": (*position, self._unit),
-            "velocity": (-rate, rate, f"{self._unit}/s"),
-            "acceleration": (-math.inf, math.inf, f"{self._unit}/s2"),
-            "effort": (-effort, effort, self._force),
-        }
-
-    def stricter(self, kind: str, low: str, high: str) -> list[str]:
-        """Return limits within those kept, as text; empty: they are none, or no numbers."""
-        if kind not in self._limits:
-            return []
-        lower, upper, unit = self._limits[kind]
-        least, most = (finite_numbers(text) for text in (low, high))
-        ends = (*least, lower)[0], (*most, upper)[0]
-        if not ends[0] < ends[1] or not (ends[0] > lower or ends[1] < upper):
-            return []
-        return [f"{self._name} {kind} from {ends[0]:g} to {ends[1]:g} {unit}"]
-
-    def resisting(self, dynamics: Element) -> list[str]:
-        """Return damping, friction and stiffness of a joint as text, but for those of zero."""
-        force, unit = self._force, self._unit
-        units = {"damping": f"{force} s/{unit}", "friction": force, "stiffness": f"{force}/{unit}"}
-        found = {key: finite_numbers(dynamics.get(key, "")) for key in units}
-        told = [f"{key} {one[0]:g} {units[key]}" for key, one in found.items() if one and one[0]]
-        return [f"{self._name} {', '.join(told)}"] if told else []
-
-
-def _make_fixed(joint: Element, place: pin.SE3 | None) -> None:
-    """Make a joint a fixed one, whose link is elsewhere than its origin says if that is given."""
-    joint.set("type", "fixed")
-    _drop(joint, "axis", "limit", "mimic")
-    if place is not None:
-        _drop(joint, "origin")
-        numbers = place.translation, pin.rpy.matrixToRpy(place.rotation)
-        xyz, rpy = (" ".join(map(repr, vector.tolist())) for vector in numbers)
-        SubElement(joint, "origin", xyz=xyz, rpy=rpy)
-
-
-def _drop(joint: Element, *tags: str) -> None:
-    for part in [part for part in joint if part.tag in tags]:
-        joint.remove(part)

@@ -1,13 +1,21 @@
-"""The links and joints of a URDF as a tree, and the chain of joints from base to tip in it."""
+"""The links and joints of a URDF as a tree, a chain in it, and what else the URDF says of that."""
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
-from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
+from ff_planner_ros.robot.urdf.urdf_faults import (
+    LONGEST_NOTE,
+    Faults,
+    finite_numbers,
+    listed,
+    shortened,
+)
+from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
 _LONGEST_NAME = 200  # characters: names travel in every state and every plan
 
@@ -142,3 +150,82 @@ def as_revolute(xml: str) -> tuple[str, list[str]]:
         joint.set("type", "revolute")
     told = ElementTree.tostring(robot, encoding="unicode") if endless else xml
     return told, [joint.get("name", "") for joint in endless]
+
+
+def not_counted(moving: Sequence[Element], text: str) -> list[str]:
+    """Return notes on what else a URDF says of the joints that move, and no plan counts."""
+    given = read_shapes(text)
+    commands = [
+        (joint.get("name", ""), one)
+        for joint in given.iterfind("ros2_control/joint")
+        for one in joint.iterfind("command_interface")
+        if not any(limits.get("enable") == "false" for limits in (*joint, *one))
+    ]
+    written = {joint.get("name", ""): joint for joint in given.iterfind("joint")}
+    soft, beyond, controlled, resisting = list[str](), list[str](), list[str](), list[str]()
+    for joint in moving:
+        name, kept = joint.get("name", ""), _Kept(joint)
+        own = written[name]
+        if (safety := own.find("safety_controller")) is not None:
+            at_most = (safety.get(f"soft_{end}_limit", "") for end in ("lower", "upper"))
+            soft += kept.stricter("position", *at_most)
+        if own.get("type") == "continuous" and (limit := own.find("limit")) is not None:
+            beyond += kept.stricter("position", limit.get("lower", ""), limit.get("upper", ""))
+        for interface in (one for of, one in commands if of == name):
+            ends = {one.get("name"): one.text or "" for one in interface}
+            at_most = (ends.get(end, "") for end in ("min", "max"))
+            controlled += kept.stricter(interface.get("name", ""), *at_most)
+        if (dynamics := own.find("dynamics")) is not None:
+            resisting += kept.resisting(dynamics)
+    mimics = [
+        f"{joint.get('name', '')} mimics {(one.text or '').strip()}"
+        for joint in given.iterfind("ros2_control/joint")
+        for one in joint.iterfind("param[@name='mimic']")
+        if written.get(joint.get("name", ""), joint).find("mimic") is None
+    ]
+    told = {
+        "joints that mimic another in <ros2_control> alone, which is not modelled": mimics,
+        "stricter limits in <safety_controller>, which are not kept": soft,
+        "stricter limits in <ros2_control>, which are not kept": controlled,
+        "limits of continuous joints, which are not kept": beyond,
+        "not counted in the torques of joints": resisting,
+    }
+    return [f"{what}: {listed(which, LONGEST_NOTE)}" for what, which in told.items() if which]
+
+
+class _Kept:
+    """The limits that plans keep of a joint."""
+
+    def __init__(self, joint: Element) -> None:
+        limit = joint.find("limit")
+        told = {} if limit is None else {key: float(text) for key, text in limit.items()}
+        effort = told.get("effort", 0.0) or math.inf  # zero means unknown
+        rate = told.get("velocity", math.inf)
+        position = told.get("lower", -math.inf), told.get("upper", math.inf)
+        self._name = joint.get("name", "")
+        self._unit, self._force = ("m", "N") if joint.get("type") == "prismatic" else ("rad", "N m")
+        self._limits = {
+            "position": (*position, self._unit),
+            "velocity": (-rate, rate, f"{self._unit}/s"),
+            "acceleration": (-math.inf, math.inf, f"{self._unit}/s2"),
+            "effort": (-effort, effort, self._force),
+        }
+
+    def stricter(self, kind: str, low: str, high: str) -> list[str]:
+        """Return limits within those kept, as text; empty: they are none, or no numbers."""
+        if kind not in self._limits:
+            return []
+        lower, upper, unit = self._limits[kind]
+        least, most = (finite_numbers(text) for text in (low, high))
+        ends = (*least, lower)[0], (*most, upper)[0]
+        if not ends[0] < ends[1] or not (ends[0] > lower or ends[1] < upper):
+            return []
+        return [f"{self._name} {kind} from {ends[0]:g} to {ends[1]:g} {unit}"]
+
+    def resisting(self, dynamics: Element) -> list[str]:
+        """Return damping, friction and stiffness of a joint as text, but for those of zero."""
+        force, unit = self._force, self._unit
+        units = {"damping": f"{force} s/{unit}", "friction": force, "stiffness": f"{force}/{unit}"}
+        found = {key: finite_numbers(dynamics.get(key, "")) for key in units}
+        told = [f"{key} {one[0]:g} {units[key]}" for key, one in found.items() if one and one[0]]
+        return [f"{self._name} {', '.join(told)}"] if told else []

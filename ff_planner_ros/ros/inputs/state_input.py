@@ -61,7 +61,7 @@ class StateInput:
         self._synchronization = parameters.state_synchronization
         frame, odometry = parameters.inertial_frame, parameters.odometry
         self._joints_in = joints_named(robot.joint_names)
-        self._locked = LockedJoints(robot)
+        self.locked, self._measures = LockedJoints(robot), parameters.robot.measures
         if self._source == CHASER_STATE.name:
             states = Topic(
                 CHASER_STATE,
@@ -95,7 +95,7 @@ class StateInput:
         self._of_chaser.clear()
         if self._of_joints is not None:
             self._of_joints.clear()
-        self._locked.clear()
+        self.locked.clear()
 
     @property
     def since(self) -> str:
@@ -122,7 +122,7 @@ class StateInput:
                 are within `state_synchronization`, or a locked joint is elsewhere.
         """
         found = self._newest(now_ns, max_age, max_lead)
-        self._locked.require_locked(locked_tolerance)
+        self.locked.require_locked(locked_tolerance, moving_alone=self._measures)
         return found
 
     def _newest_of(
@@ -197,10 +197,10 @@ class StateInput:
         return None, [], smallest
 
     def _of_chaser_state(self, cdr: bytes) -> frozenset[str]:
-        self._locked.keep(CHASER_STATE, cdr)
+        self.locked.keep(CHASER_STATE, cdr)
         return frozenset(self._robot.joint_names)
 
     def _of_joint_states(self, cdr: bytes) -> frozenset[str]:
-        self._locked.keep(JOINT_STATES, cdr)
+        self.locked.keep(JOINT_STATES, cdr)
         # Messages of other joints, for example of a gripper, are not errors.
         return frozenset(self._joints_in(cdr))

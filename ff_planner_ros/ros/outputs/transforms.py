@@ -42,7 +42,7 @@ class Transforms:
         self._links, self._settings = tuple(carried_links(robot)), parameters.tf
         self._root, self._data = root_link(robot), robot.model.createData()
         self._told_ns: dict[str, int] = {}  # newest stamp of each frame
-        self._static = self._fixed_to_chaser(parameters)
+        self._parameters, self._static = parameters, self._fixed_to_chaser(parameters)
         self._moving = create_lifecycle_publisher(node, TF)
         self._fixed = create_lifecycle_publisher(node, TF_STATIC)
         self.publishers = self._moving, self._fixed
@@ -50,6 +50,12 @@ class Transforms:
     def describe(self) -> None:
         """Publish the static transforms; to be called when the node becomes active."""
         self._fixed.publish(TFMessage(transforms=list(self._static.values())))
+
+    def use(self, robot: Robot) -> None:
+        """Publish those of a robot whose joints and links are the same, elsewhere, from now on."""
+        self._robot, self._data = robot, robot.model.createData()
+        self._static |= self._fixed_to_chaser(self._parameters)
+        self.describe()
 
     def measured(self, state: SystemState, stamp_ns: int) -> None:
         """Publish the root link's pose from a state measured at stamp_ns [ns]."""

@@ -25,6 +25,7 @@ from ff_planner_ros.planning.task.library import Library
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.whole import efforts_of, whole, whole_scene
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.locked_joints import MeasuredRobot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.answers import answer_of, clearances_in_words, solved_in_words
@@ -64,6 +65,7 @@ class PlanningService:
         exchanges: Exchanges,
         run_name: str,
         library: Library | None,
+        robots: MeasuredRobot | None = None,
     ) -> None:
         """Open service and action; requests are answered with NOT_ACTIVE until `activate`.
 
@@ -75,7 +77,7 @@ class PlanningService:
         self._exchanges = exchanges
         self._clock, self._logger = node.get_clock(), node.get_logger()
         self._run_name, self._numbers = run_name, count(1)
-        self._library = library
+        self._library, self._robots = library, robots
         self._jobs = Jobs(solver.interrupt, preempt=parameters.when_busy == PREEMPT)
         self.last: LastRequest | None = None  # None before the first
         # From request to answer, of the last requests that were searched for [s].
@@ -217,6 +219,7 @@ class PlanningService:
             self._output.published,
             self._clock.now().nanoseconds,
             self._library,
+            self._robots,
         )
 
     def _planned(

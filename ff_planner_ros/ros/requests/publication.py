@@ -182,7 +182,7 @@ class Publication:
             inputs.previous_plan_id = getattr(knowledge.published, "plan_id", "")
             self._require_in_time(made, knowledge.now_ns)
             require_young(made, knowledge)
-            measured = measured_state(request.start_state, knowledge)
+            measured = measured_state(request.start_state, knowledge, made.robot)
             inputs.state_stamp = time_message(measured.stamp_ns)
             inputs.state_source = measured.source
             require_same_start(made, start_deviations(made, measured, knowledge), knowledge)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from ff_planner_msgs.msg import ChaserState, PlanInputs, PlanRequest
 
@@ -22,7 +22,7 @@ from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.ages import OF_STATES
-from ff_planner_ros.ros.inputs.locked_joints import require_locked
+from ff_planner_ros.ros.inputs.locked_joints import MeasuredRobot, positions_in, require_locked
 from ff_planner_ros.ros.inputs.scene_input import SceneInput, SeenBody
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.messages.from_messages import (
@@ -52,6 +52,8 @@ class Knowledge:
     published: PublishedPlan | None  # the last plan, which the arm may be following
     now_ns: int  # [ns]
     library: Library | None = None  # for warm starts
+    # Of the robot where its locked joints are measured; None: the parameters say where they are
+    robots: MeasuredRobot | None = None
 
     def followed(self, measured: Snapshot, start_ns: int) -> list[PublishedPlan]:
         """Return the published plans that the joints follow until start_ns [ns], in their order."""
@@ -83,7 +85,7 @@ def read_request(
     Raises:
         InvalidInput: A field or an input is invalid.
     """
-    robot, parameters = knowledge.robot, knowledge.parameters
+    parameters = knowledge.parameters
     inputs = PlanInputs() if inputs is None else inputs
     inputs.received_stamp = time_message(knowledge.now_ns)
     require_requester(request.requester)
@@ -93,6 +95,7 @@ def read_request(
     start_ns = _start_time(request, knowledge, continues)
     end_behaviour = _end_behaviour(request, parameters)
     measured = measured_state(request.start_state, knowledge)
+    robot = measured.robot
     inputs.state_stamp = time_message(measured.stamp_ns)
     inputs.state_source = measured.source
     inputs.state_clock_offset = measured.clock_offset
@@ -177,11 +180,22 @@ def require_requester(name: str) -> None:
         raise InvalidInput(Status.OUT_OF_RANGE, "requester", repr(name), allowed)
 
 
-def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot:
+@dataclass(frozen=True, eq=False)
+class MeasuredState(Snapshot):
+    """A state with the robot whose locked joints are where they were measured with it."""
+
+    robot: Robot = field(kw_only=True)
+
+
+def measured_state(
+    own: Sequence[ChaserState], knowledge: Knowledge, planned: Robot | None = None
+) -> MeasuredState:
     """Return the state that a request brings, or else the newest one of the topics.
 
     Args:
         own: Field `start_state` of the request, with one entry at most.
+        planned: The robot of a plan, whose locked joints must be where it has them; None: as the
+            parameters say.
 
     Raises:
         InvalidInput: There is no state, it is invalid, too old or too far ahead of now, or it has
@@ -189,14 +203,24 @@ def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot
     """
     parameters, now_ns = knowledge.parameters, knowledge.now_ns
     limits = (now_ns, parameters.state_max_age, parameters.state_future_tolerance)
+    tolerance, robots = parameters.locked_joint_tolerance, knowledge.robots
     if not own:
-        return knowledge.states.snapshot(*limits, parameters.locked_joint_tolerance)
+        states = knowledge.states
+        found = states.snapshot(*limits, tolerance)
+        robot = knowledge.robot
+        if robots is not None:
+            robot = planned or robots.at(states.locked.positions(), tolerance)
+            states.locked.require_locked(tolerance, robot)
+        return MeasuredState(**vars(found), robot=robot)
     message, source = own[0], "start_state"
     stamp_ns = time_in_ns(f"{source}.header.stamp", message.header.stamp) or now_ns
     OF_STATES.require(f"{source}.header.stamp", stamp_ns, *limits, is_own=True)
     state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
-    require_locked(source, message, knowledge.robot, parameters.locked_joint_tolerance)
-    return Snapshot(state, stamp_ns, source)
+    robot = knowledge.robot
+    if robots is not None:
+        robot = planned or robots.at(positions_in(message, robot), tolerance)
+    require_locked(source, message, robot, tolerance)
+    return MeasuredState(state, stamp_ns, source, robot=robot)
 
 
 def _seen_body(request: PlanRequest, knowledge: Knowledge) -> SeenBody:

@@ -163,7 +163,7 @@ class GraspWrench(LimitedLoads):
             compiled.grasp_wrench_within(
                 robot.base,
                 # The first two joints are Pinocchio's: the universe and the free-flyer.
-                joints_before=frame.parentJoint - 1,
+                link=frame.parentJoint - 1,
                 position=frame.placement.translation,
                 rotation=frame.placement.rotation,
                 mass=frame.inertia.mass,
