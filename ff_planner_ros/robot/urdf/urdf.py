@@ -43,6 +43,7 @@ from ff_planner_ros.robot.urdf.urdf_xml import (
 TURN_OF_CONTINUOUS = 4.0 * math.pi
 
 _LOCKED = "robot.locked_joints"
+_NO_ARM = "it is the base link, and a robot has joints between the two; a body has none"
 
 # Velocity limit that stands for none [rad/s, m/s]: every reader of URDFs wants a number.
 NO_VELOCITY_LIMIT = LARGEST
@@ -160,12 +161,9 @@ def _chain(
     if base_link is None or tip_link is None or not known:
         return None
     chain = tree.chain(base_link, tip_link)
-    if base_link == tip_link:
-        allowed = "it is the base link, and a robot has joints between the two; a body has none"
-        faults.add("robot.tip_link", "", "", tip_link, allowed)
-    elif chain is None and not broken:
-        allowed = f"it must hang on the base link {shortened(base_link)!r}"
-        faults.add("robot.tip_link", "", "", tip_link, allowed)
+    if chain is None and not broken:
+        hung = f"it must hang on the base link {shortened(base_link)!r}"
+        faults.add("robot.tip_link", "", "", tip_link, _NO_ARM if base_link == tip_link else hung)
     return chain
 
 
