@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, fields, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -33,11 +34,11 @@ from ff_planner_ros.planning.task.whole import whole
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 
 # Of the problem, as a scenario has it.
-_ASKED = ("target", "target_body", "duration", "objective", "obstacles", *OF_PROBLEM)
+_ASKED = ("target", "target_body", "duration", "objective", "obstacles", "chaser_goal", *OF_PROBLEM)
 ASKED: DeclaredFields = {
     key: replace(one, optional=True)  # of a sequence the phases tell it
     for key, one in declared(PlanningProblem).items()
-    if one.name in _ASKED
+    if one.name.partition(".")[0] in _ASKED
 }
 ASKED_HEADS = {key.partition(".")[0] for key in ASKED}
 # Of a target body at each point.
@@ -165,7 +166,7 @@ def refusal_dictionary(
 
 def _asked(problem: PlanningProblem, times: Array) -> dict[str, Any]:
     """Return a problem as a scenario has it, with its target body's motion at some times."""
-    values = {key: getattr(problem, one.name) for key, one in ASKED.items()}
+    values = {key: attrgetter(one.name)(problem) for key, one in ASKED.items()}
     values["target"] = problem.posture or problem.target
     values["obstacles"] = [one for one in problem.obstacles if one.body is None]
     asked = written(ASKED, values)

@@ -20,8 +20,8 @@ from ff_planner_ros.campaign.sources import (
     written,
 )
 from ff_planner_ros.campaign.variations import DRAWN, GRID, SET_VALUES
-from ff_planner_ros.common.declared import declare, declared, schema_of
-from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.declared import declare, declared
+from ff_planner_ros.common.declared_parts import part, schema_of
 from ff_planner_ros.common.forms import (
     DIALECT,
     TEXT,

@@ -21,7 +21,6 @@ from ff_planner_ros.common.forms import (
     NUMBERS,
     TRUTH,
     Form,
-    Schema,
     a_number,
     a_vector,
     a_whole_number,
@@ -116,9 +115,9 @@ def declare_velocity(part: str, sentence: str, brief: bool = False) -> Any:
     return declare(a_vector(), sentence, default_factory=zero_vector, **more)
 
 
-def declare_inline(kind: type[Any]) -> Any:
+def declare_inline(kind: type[Any], **usual: Any) -> Any:
     """Declare a field for an object whose keys stand among those of the class that has it."""
-    return field(metadata={"inline": kind})
+    return field(metadata={"inline": kind}, **usual)
 
 
 def inlined(kind: Any) -> dict[str, type[Any]]:
@@ -209,21 +208,20 @@ def _read_level(
     """Read one level of a mapping whose keys may be dotted."""
     faults, read = into
     field, named = places
-    level = dict(_level(known, prefix))
-    instead = {one.instead[0]: head for head, one in level.items() if one and one.instead}
-    must = [head for head, one in level.items() if _must(known, prefix + head, one)]
-    heads = list(level)
-    for other, head in instead.items():
-        heads.insert(heads.index(head) + 1, other)
+    level = dict(level_of(known, prefix))
+    heads, instead = _heads(level)
+    must = [head for head, one in level.items() if must_be_given(known, prefix + head, one)]
     with faults.gathered():
         mapping(field, value, must, [head for head in heads if head not in must])
     if not isinstance(value, dict):
         return
     for head in (head for head in heads if head in value):
-        one, given = level.get(instead.get(head, head)), value[head]
         here, called = dotted(field, head), dotted(named, head)
-        if one is None:
-            _read_level(known, (here, called), given, f"{prefix}{head}.", into)
+        one = level.get(instead.get(head, head))
+        inner, given = _apart(known, prefix + instead.get(head, head), value[head])
+        if inner is not MISSING:
+            _read_level(known, (here, called), inner, f"{prefix}{head}.", into)
+        if given is MISSING or one is None:
             continue
         with faults.gathered():
             if head not in instead:
@@ -256,15 +254,43 @@ def _usual(one: DeclaredField | None, field: str, head: str, value: dict[str, An
     raise InvalidInput(one.form.absent, dotted(field, head), found, allowed)
 
 
-def _level(known: DeclaredFields, prefix: str) -> Iterator[tuple[str, DeclaredField | None]]:
+def level_of(known: DeclaredFields, prefix: str) -> Iterator[tuple[str, DeclaredField | None]]:
     """Yield the first parts of keys behind a prefix; None: of keys that go on."""
     for key, one in known.items():
         if key.startswith(prefix):
             head, _, rest = key.removeprefix(prefix).partition(".")
-            yield head, None if rest else one
+            if not (rest and prefix + head in known):
+                yield head, None if rest else one
 
 
-def _must(known: DeclaredFields, key: str, one: DeclaredField | None) -> bool:
+def _heads(level: Mapping[str, DeclaredField | None]) -> tuple[list[str], dict[str, str]]:
+    """Return the keys of a level with alternative ones behind theirs, and whose those are."""
+    instead = {one.instead[0]: head for head, one in level.items() if one and one.instead}
+    heads = list(level)
+    for other, head in instead.items():
+        heads.insert(heads.index(head) + 1, other)
+    return heads, instead
+
+
+def _apart(known: DeclaredFields, key: str, given: Any) -> tuple[Any, Any]:
+    """Return what dotted keys say of a key's mapping, and the rest; MISSING: there is nothing."""
+    if key not in known:
+        return given, MISSING
+    beside = keys_beside(known, key)
+    if not isinstance(given, dict) or beside.keys().isdisjoint(given):
+        return MISSING, given
+    rest = {name: given[name] for name in given if name not in beside}
+    return {name: given[name] for name in given if name in beside}, rest or MISSING
+
+
+def keys_beside(known: DeclaredFields, key: str) -> DeclaredFields:
+    """Return the keys that stand among those of another key's mapping, without that key."""
+    inner = f"{key}."
+    return {name.removeprefix(inner): one for name, one in known.items() if name.startswith(inner)}
+
+
+def must_be_given(known: DeclaredFields, key: str, one: DeclaredField | None) -> bool:
+    """Return whether every file must give a key, or one that goes on from it."""
     if one is not None:
         return one.required
     return any(inner.required for name, inner in known.items() if name.startswith(f"{key}."))
@@ -303,46 +329,3 @@ def written(known: DeclaredFields, values: Mapping[str, Any]) -> dict[str, Any]:
             block = block.setdefault(group, {})
         block[last] = plain
     return document
-
-
-def schema_of(known: DeclaredFields, prefix: str = "") -> Schema:
-    """Return the JSON Schema of a mapping with these keys."""
-    properties: Schema = {}
-    required, either = [], []
-    for head, one in dict(_level(known, prefix)).items():
-        if one is None:
-            properties[head] = schema_of(known, f"{prefix}{head}.")
-        else:
-            properties[head] = _described(one.form.schema(), one)
-        if _must(known, prefix + head, one):
-            required.append(head)
-        if one is not None and one.instead is not None:
-            other, form, sentence = one.instead
-            properties[other] = form.schema() | {"description": f"instead of {head}: {sentence}."}
-            either.append(_one_of(head, other, one))
-    schema: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
-    if required:
-        schema["required"] = required
-    return schema | ({"allOf": either} if either else {})
-
-
-def _described(schema: Schema, one: DeclaredField) -> Schema:
-    words = one.sentence + (f", {one.frame}" if one.frame else "")
-    words += f" [{one.unit}]" if one.unit else ""
-    described = schema | {"description": f"{words}."}
-    if one.form.of or one.default is MISSING or (one.default is None and not one.form.spells_none):
-        return described
-    return described | {"default": one.form.written(one.default)}
-
-
-def _one_of(head: str, other: str, one: DeclaredField) -> Schema:
-    """Return the schema of a mapping with one of two keys; false is as good as left out."""
-    given = [
-        {"required": [name], "properties": {name: {"not": {"const": False}}}}
-        for name in (head, other)
-    ]
-    choices: list[Schema] = [*given]
-    if one.unless is not None:
-        key, value, _ = one.unless
-        choices.append({"required": [key], "properties": {key: {"const": value}}})
-    return {"anyOf": choices, "not": {"allOf": given}}

@@ -172,12 +172,12 @@ def write_value(message: Any, one: DeclaredField, plain: Any, entry: Entry, path
     path = path or one.message or ""
     place, _, name = path.rpartition(".")
     nothing = one.form.spells_none and plain == "none"
-    if name.endswith(_ENTRY):
+    if name.endswith(_ENTRY) and not one.form.slots:
         held = [] if nothing else [one.form.to_message(plain)]
         setattr(_part(message, place, entry), name.removesuffix(_ENTRY), held)
         return
     holder = _part(message, place, entry)
-    present = value_at(holder, name)
+    present = _part(holder, name, entry)
     if one.form.slots:
         numbers = plain.values() if isinstance(plain, dict) else plain
         for slot, number in zip(one.form.slots, numbers, strict=True):

@@ -10,6 +10,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import (
+    ChaserGoal,
     DurationRange,
     Orientation,
     PlanningProblem,
@@ -76,6 +77,16 @@ def weighted(task: PlanningTask, joint_path: float, attitude: float) -> Planning
     problem = task.problem
     weights = replace(problem.objective, joint_path_length=joint_path, chaser_attitude=attitude)
     return _with(task, replace(problem, objective=weights))
+
+
+def turned_at_goal(task: PlanningTask, angle: float) -> PlanningTask:
+    """Return a task whose chaser has rotated by an angle at most at the goal [rad]; zero: by any.
+
+    Raises:
+        InvalidInput: The angle is too small.
+    """
+    goal = ChaserGoal(rotation=angle or None)
+    return _with(task, replace(task.problem, chaser_goal=goal))
 
 
 def lasting_for(task: PlanningTask, shortest: float, longest: float) -> PlanningTask:

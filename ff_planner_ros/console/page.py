@@ -16,6 +16,7 @@ from ff_planner_ros.console.changes import (
     moved,
     place_of,
     rounded,
+    turned_at_goal,
     weighted,
 )
 from ff_planner_ros.console.curves import CurvesView
@@ -69,6 +70,9 @@ class Page:
             self._attitude = gui.add_slider("weight of attitude", 0.0, _WEIGHT, 0.1, 0.0)
             self._duration = gui.add_slider("duration [s]", 0.1, 1.0, 0.1, 1.0)
             self._range = gui.add_multi_slider("durations [s]", 0.1, 1.0, 0.1, (0.1, 1.0))
+            self._turn = gui.add_number(
+                "chaser rotation at the goal [deg]", 0.0, min=0.0, step=0.01, hint="0: any"
+            )
             self._undo = gui.add_button("undo", disabled=True, hint="back to the answer shown")
         with gui.add_folder("Plan"):
             self._plan = gui.add_button("plan")
@@ -85,7 +89,7 @@ class Page:
         self._time.on_update(lambda event: self._by_user(event, self._show_time))
         self._move.on_update(lambda event: self._by_user(event, self._place_handle))
         self._place.on_update(lambda event: self._by_user(event, self._moved_by_numbers))
-        for one in (self._path, self._attitude, self._duration, self._range):
+        for one in (self._path, self._attitude, self._duration, self._range, self._turn):
             one.on_update(lambda event: self._by_user(event, self._changed_by_sliders))
         self._plan.on_click(lambda _: self._locked(self.plan))
         self._cancel.on_click(lambda _: self._locked(self.cancel))
@@ -227,6 +231,8 @@ class Page:
         ):
             slider.max = max(_WEIGHT, weight, slider.max)
             _set(slider, weight)
+        self._turn.visible = problem.chaser_goal.quaternion_xyzw is None
+        _set(self._turn, np.rad2deg(problem.chaser_goal.rotation or 0.0))
         window = problem.durations
         self._duration.visible = problem.duration_range is None
         self._range.visible = not self._duration.visible
@@ -247,6 +253,8 @@ class Page:
             durations = (float(self._range.value[0]), float(self._range.value[1]))
         try:
             task = weighted(self.task, float(self._path.value), float(self._attitude.value))
+            if self._turn.value != np.rad2deg(task.problem.chaser_goal.rotation or 0.0):
+                task = turned_at_goal(task, float(np.deg2rad(self._turn.value)))
             before = task.problem.durations
             if is_other := durations != (before.minimum, before.maximum):
                 task = lasting_for(task, *durations)

@@ -412,6 +412,7 @@ def attitude_within(
 ) -> PathRequirement:
     """Return what makes the rows of `ChaserAttitude` [rad]."""
 
+def chaser_at_goal(rotation: Array, limit: float, knee: float) -> PathRequirement: ...
 def rotation_within(limit: float, knee: float, interest: float) -> PathRequirement:
     """Return what makes the rows of `ChaserRotation`; knee: of Huber's function [rad]."""
 

@@ -80,7 +80,9 @@ def _plan(answer: PlanAnswer, plans: Sequence[PlanMessage]) -> Plan:
 
 def metrics_from_message(message: PlanMetrics) -> Metrics:
     """Read the metrics of a plan or of the best attempt."""
-    values: dict[str, Any] = {item.name: value_at(message, item.name) for item in fields(Metrics)}
+    values: dict[str, Any] = {
+        item.name: value_at(message, item.name, item.default) for item in fields(Metrics)
+    }
     for name, value in values.items():
         if not isinstance(value, str | float):
             values[name] = tuple(value)

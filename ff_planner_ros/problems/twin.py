@@ -32,7 +32,8 @@ def seen_from(
     """
     start, target, rotation = problem.start, problem.target, frame.rotation
     drift = np.zeros(3) if velocity is None else velocity
-    window = problem.duration_range
+    window, goal = problem.duration_range, problem.chaser_goal
+    wanted = goal.quaternion_xyzw
     by = pin.Quaternion(eigen_quaternion(rotation))
 
     def turned(quaternion_xyzw: Array) -> Array:
@@ -68,6 +69,7 @@ def seen_from(
             angular_acceleration=rotation @ target.angular_acceleration,
         ),
         obstacles=tuple(map(moved, problem.obstacles)),
+        chaser_goal=replace(goal, quaternion_xyzw=None if wanted is None else turned(wanted)),
         duration_range=None
         if window is None
         else replace(window, target_velocity=rotation @ window.target_velocity + drift),

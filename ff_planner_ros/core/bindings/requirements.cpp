@@ -5,6 +5,7 @@
 
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
+#include "program/chaser_at_goal.hpp"
 #include "program/distance_requirements.hpp"
 #include "program/goal_requirements.hpp"
 #include "program/load_requirements.hpp"
@@ -169,6 +170,8 @@ void bind_requirements(py::module_& m) {
   required<RotationWithin>(m, "rotation_within", Field{"limit", &RotationWithin::limit},
                            Field{"knee", &RotationWithin::knee},
                            Field{"interest", &RotationWithin::interest});
+  required<ChaserAtGoal>(m, "chaser_at_goal", Field{"rotation", &ChaserAtGoal::wanted},
+                         Field{"limit", &ChaserAtGoal::limit}, Field{"knee", &ChaserAtGoal::knee});
   required<SingularValueAbove>(m, "singular_value_above",
                                Field{"rows", &SingularValueAbove::movable},
                                Field{"margin", &SingularValueAbove::margin},

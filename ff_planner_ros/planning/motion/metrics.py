@@ -85,6 +85,10 @@ class Metrics:
     max_chaser_rotation: float = _metric(
         "rad", "largest chaser rotation", _RAD, "deg", ".2f", np.nan, kw_only=True
     )
+    # Of the chaser at the goal since the first point; NaN: not known.
+    final_chaser_rotation: float = _metric(
+        "rad", "chaser rotation at the goal", _RAD, "deg", ".4f", np.nan, kw_only=True
+    )
     # Of the goal off the camera's axis, while the goal must be in view; infinite: no camera.
     max_view_angle: float = _metric(
         "rad", "largest angle off the camera's axis", _RAD, "deg", ".2f", np.inf, kw_only=True

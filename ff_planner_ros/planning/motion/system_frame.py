@@ -22,6 +22,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.limits import ChaserGoal
 from ff_planner_ros.planning.problem.obstacles import Obstacle, SphereEntry, with_attached
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target import Target
@@ -73,6 +74,7 @@ class SystemFrame:
             target=self._target_here(problem.target, end) if here is None else here.target(end),
             obstacles=others if here is None else with_attached(others, here),
             target_body=here,
+            chaser_goal=self._chaser_goal_here(problem.chaser_goal),
             requirements=tuple(one.seen_from(self) for one in problem.requirements),
             duration_range=None
             if window is None
@@ -126,6 +128,12 @@ class SystemFrame:
             angular_velocity=self._vector_here(target.angular_velocity, _OTHER),
             linear_acceleration=self._vector_here(target.linear_acceleration, _OTHER),
             angular_acceleration=self._vector_here(target.angular_acceleration, _OTHER),
+        )
+
+    def _chaser_goal_here(self, goal: ChaserGoal) -> ChaserGoal:
+        wanted = goal.quaternion_xyzw
+        return (
+            goal if wanted is None else replace(goal, quaternion_xyzw=self._attitude_here(wanted))
         )
 
     def _body_here(self, body: TargetBody) -> TargetBody:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.contact import deepest_contact
+from ff_planner_ros.planning.paths.chaser_loops import with_loops
 from ff_planner_ros.planning.paths.end_effector_polynomial import applies, end_effector_families
 from ff_planner_ros.planning.paths.even_normals import even_normals
 from ff_planner_ros.planning.paths.spline_basis import FIXED
@@ -57,6 +58,8 @@ def spline_guesses(
     If the robot has bodies, guesses that end in contact come later.
     """
     guesses = _guesses(family, obstacles, points)
+    if np.isfinite(family.problem.chaser_goal.most):
+        guesses = with_loops(family, guesses)
     return _touching_later(family, guesses) if family.robot.bodies else guesses
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import SHORTEST_DIRECTION, finite_vector
-from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.declared import check_declared, declare, declare_inline
 from ff_planner_ros.common.declared_parts import changes, part
 from ff_planner_ros.common.forms import TEXT, a_number, a_whole_number, a_word, each, or_part
 from ff_planner_ros.common.plain_values import an_object
@@ -19,7 +19,7 @@ from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.goal_words import Orientation, Parametrisation
-from ff_planner_ros.planning.problem.limits import Limits
+from ff_planner_ros.planning.problem.limits import ANY_ATTITUDE, ChaserGoal, Limits
 from ff_planner_ros.planning.problem.objective import SHORTEST, DurationRange, Objective
 from ff_planner_ros.planning.problem.obstacles import (
     OBSTACLE,
@@ -52,6 +52,7 @@ __all__ = [
     "MAX_POINTS",
     "MIN_POINTS",
     "Approach",
+    "ChaserGoal",
     "DurationRange",
     "Limits",
     "Objective",
@@ -168,6 +169,7 @@ class PlanningProblem:
         "instead of target: a freely moving body, at the plan's first point",
         default=None,
     )
+    chaser_goal: ChaserGoal = declare_inline(ChaserGoal, default=ANY_ATTITUDE)
     # Goal of the joints: the target is then a placeholder. None: the target is the goal
     posture: Posture | None = None
     # Range that the planner chooses the duration from; None: the duration is given
@@ -199,6 +201,7 @@ class PlanningProblem:
         """Check what the parts cannot check by themselves."""
         kinds = {"robot": Robot, "start": SystemState, "posture": Posture}
         check_declared(self, "", **kinds, target=Target, duration_range=DurationRange)
+        an_object("chaser_goal", self.chaser_goal, ChaserGoal)
         object.__setattr__(self, "obstacles", in_order(self.obstacles))
         window = self.duration_range
         if window is not None and not window.minimum <= self.duration <= window.maximum:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.camera_view import CameraView
+from ff_planner_ros.planning.requirements.chaser_at_goal import ChaserAtGoal
 from ff_planner_ros.planning.requirements.clear_of_itself import ClearOfItself
 from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
 from ff_planner_ros.planning.requirements.goal import Goal
@@ -37,6 +38,7 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     JointAccelerations(),
     ChaserAttitude(),
     ChaserRotation(),
+    ChaserAtGoal(),
     SingularValues(),
     WheelLimits(),
     GraspWrench(),

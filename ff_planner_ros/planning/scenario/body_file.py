@@ -13,9 +13,8 @@ from ff_planner_ros.common.declared import (
     declared,
     fields_of,
     read_keys,
-    schema_of,
 )
-from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.declared_parts import part, schema_of
 from ff_planner_ros.common.forms import INERTIA, TEXT, Form, Schema, a_word, by_name
 from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.common.share import resolve_uri

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from ff_planner_ros.common.declared import (
@@ -13,9 +14,9 @@ from ff_planner_ros.common.declared import (
     declared,
     fields_of,
     read_keys,
-    schema_of,
     written,
 )
+from ff_planner_ros.common.declared_parts import schema_of
 from ff_planner_ros.common.forms import Form, Schema
 from ff_planner_ros.errors import Faults, fields_placed, fields_renamed
 from ff_planner_ros.planning.problem.limits import Limits
@@ -137,7 +138,7 @@ def with_phases(document: dict[str, Any], then: Sequence[Phase]) -> dict[str, An
 
 
 def _written(phase: Phase) -> dict[str, Any]:
-    document = written(_KEYS, {key: getattr(phase, one.name) for key, one in _KEYS.items()})
+    document = written(_KEYS, {key: attrgetter(one.name)(phase) for key, one in _KEYS.items()})
     if (limits := phase.limits) is not None:
         values = {key: getattr(limits, one.name, None) for key, one in _LIMITS.items()}
         document["limits"] = written(_LIMITS, values)

@@ -16,15 +16,15 @@ from ff_planner_ros.common.declared import (
     declared,
     fields_of,
     read_keys,
-    schema_of,
 )
-from ff_planner_ros.common.declared_parts import changes, part
+from ff_planner_ros.common.declared_parts import changes, part, schema_of
 from ff_planner_ros.common.forms import DIALECT, Form, Schema
 from ff_planner_ros.common.plain_values import an_object, integer
 from ff_planner_ros.common.text_file import AnyPath, path_of
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status, fields_renamed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.limits import ChaserGoal
 from ff_planner_ros.planning.problem.obstacles import AnyShaped, with_mesh_read
 from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
 from ff_planner_ros.planning.problem.problem import (
@@ -151,9 +151,10 @@ def scenario_schema() -> Schema:
     """Return the JSON Schema of a scenario file."""
     schema = schema_of(KEYS)
     schema["required"] = [key for key in schema["required"] if key != "duration"]
+    of_chaser = schema_of(declared(ChaserGoal))
     goals = [
-        {"required": ["target", "duration"]},
-        {"required": ["target_body", "duration"]},
+        {"required": ["target", "duration"], "not": {"required": ["target_body"]}},
+        {"required": ["target_body", "duration"], "properties": of_chaser["properties"]},
         {"required": [PHASES_KEY]},
     ]
     return {"$schema": DIALECT, "title": "a scenario"} | schema | {"oneOf": goals}
@@ -178,8 +179,12 @@ def _built_of(whole: object, directory: Path | None, points: int, build: _Build[
     faults = Faults()
     document, others = split(whole, faults)
     read = read_keys(KEYS, "", document, faults)
-    if isinstance(document, dict) and ("target" in document) == ("target_body" in document):
-        found = "given beside target_body" if "target" in document else "missing"
+    has_goal, has_body = (
+        _has_goal(document),
+        isinstance(document, dict) and "target_body" in document,
+    )
+    if isinstance(document, dict) and has_goal == has_body:
+        found = "given beside target_body" if has_goal else "missing"
         faults.add("target", found, "either it or target_body must be given")
     robot: Any = None  # only if there are faults
     if "robot" in read:
@@ -192,6 +197,16 @@ def _built_of(whole: object, directory: Path | None, points: int, build: _Build[
         _read_meshes(phase, f"{PHASES_KEY}[{index}].", directory, faults)
     faults.refuse()
     return build({"points": points} | read, robot, others)
+
+
+def _has_goal(document: object) -> bool:
+    """Tell whether a target says more than the chaser's attitude, which any goal may have."""
+    if not isinstance(document, dict) or "target" not in document:
+        return False
+    target, of_chaser = document["target"], declared(ChaserGoal).keys()
+    if not isinstance(target, dict) or not target:
+        return True
+    return not {f"target.{key}" for key in target} <= of_chaser
 
 
 def _read_meshes(read: dict[str, Any], place: str, directory: Path | None, faults: Faults) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -83,4 +84,4 @@ def _said_of(problem: PlanningProblem) -> dict[str, Any]:
 
 
 def _said_by(value: Any) -> dict[str, Any]:
-    return {key: getattr(value, one.name) for key, one in declared(type(value)).items()}
+    return {key: attrgetter(one.name)(value) for key, one in declared(type(value)).items()}

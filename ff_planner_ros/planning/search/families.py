@@ -21,6 +21,7 @@ from ff_planner_ros.planning.paths.joint_spline import joint_splines
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import Orientation, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.chaser_at_goal import ChaserAtGoal
 from ff_planner_ros.planning.requirements.limits.chaser_rotation import (
     ChaserAttitude,
     ChaserRotation,
@@ -113,12 +114,16 @@ def require_papers_paths(problem: PlanningProblem, field: str, value: str, advic
 
 def is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> bool:
     """Tell whether a limit on the chaser's rotation is active for a plan."""
-    limits, metrics = problem.limits, plan.metrics
+    limits, metrics, goal = problem.limits, plan.metrics, problem.chaser_goal
+    motion = plan.trajectory
+    at_goal = int(np.abs(motion.time - problem.duration).argmin())
+    off = goal.off(*motion.chaser_quaternions_xyzw[[0, at_goal]])
     return any(
         limit - reached <= _AT_LIMIT * required.margin(problem, settings)
         for required, limit, reached in (
             (ChaserAttitude(), limits.chaser_attitude, metrics.max_chaser_euler),
             (ChaserRotation(), limits.chaser_rotation, metrics.max_chaser_rotation),
+            (ChaserAtGoal(), goal.most, off),
         )
         if limit < np.inf
     )

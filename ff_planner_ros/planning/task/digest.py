@@ -73,6 +73,8 @@ def _parts_of_robot(robot: Robot) -> list[Any]:
 
 def _is_absent(value: Any, name: str) -> bool:
     """Tell whether a field follows from others, or no plan depends on it."""
+    if name == "chaser_goal" and np.isinf(value.chaser_goal.most):
+        return True
     match value:
         case Obstacle():
             return value.body is not None and name == "motion"

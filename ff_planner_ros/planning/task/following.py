@@ -85,6 +85,7 @@ def _following(task: PlanningTask, end: SystemState, duration: float | None) -> 
         target=target,
         posture=posture,
         target_body=body,
+        chaser_goal=phase.chaser_goal,
         obstacles=obstacles,
         duration=lasts,
         duration_range=window,

@@ -6,12 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
-from ff_planner_ros.common.declared import check_declared, declare, declared_by_name
+from ff_planner_ros.common.declared import (
+    check_declared,
+    declare,
+    declare_inline,
+    declared_by_name,
+)
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import a_whole_number
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.limits import ANY_ATTITUDE, ChaserGoal
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,
     Approach,
@@ -58,6 +64,7 @@ class Phase:
     target: Target | Posture | None = of_problem("target", default=None)
     # In its state at the first point of the whole sequence
     target_body: TargetBody | None = of_problem("target_body", default=None)
+    chaser_goal: ChaserGoal = declare_inline(ChaserGoal, default=ANY_ATTITUDE)
     # None: as in the phase before
     objective: Objective | None = of_problem("objective", default=None)
     limits: Limits | None = of_problem("limits", default=None)

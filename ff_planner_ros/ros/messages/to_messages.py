@@ -47,6 +47,9 @@ from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, JointTolerance
 from ff_planner_ros.ros.messages.interfaces import entry_of
 
+# What a goal of the joints has in common with one of the end effector.
+_BESIDE_JOINTS = ("allowed_collisions", "chaser_rotation", "chaser_attitude")
+
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanRequest:
     """Write a problem as a request, without its state, obstacles and target body."""
@@ -69,14 +72,14 @@ def payload_message(payload: Payload) -> PayloadMessage:
 
 
 def goal_of_joints(goal: Goal, posture: Posture, joint_names: Sequence[str]) -> Goal:
-    """Write a joint goal, or the goal at rest, as a message, with what may touch at a goal."""
-    may_touch = goal.allowed_collisions
+    """Write a joint goal, or the goal at rest, as a message, with the rest of a goal."""
+    kept = {name: getattr(goal, name) for name in _BESIDE_JOINTS}
     if posture.positions is None:
-        return Goal(kind=Goal.AT_REST, allowed_collisions=may_touch)
+        return Goal(kind=Goal.AT_REST, **kept)
     joints = JointState(name=list(joint_names), position=posture.positions.tolist())
     if posture.velocities is not None:
         joints.velocity = posture.velocities.tolist()
-    return Goal(kind=Goal.JOINTS, joints=joints, allowed_collisions=may_touch)
+    return Goal(kind=Goal.JOINTS, joints=joints, **kept)
 
 
 def state_message(

@@ -41,9 +41,9 @@ from ff_planner_ros.robot.quaternion import (
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 # The search keeps this much more at the points [rad], but never more than this part of the limit.
-_MARGIN, _PART = 5e-4, 0.02
+MARGIN, PART = 5e-4, 0.02
 # Where Huber's function becomes the angle, in parts of what the search keeps.
-_KNEE = 0.5
+KNEE = 0.5
 # Times to look at in each step of the motion's integration. Between two of them the largest angle
 # rises by less than 1e-6 rad.
 _TIMES = 10
@@ -96,7 +96,7 @@ class _ChaserAngle(Limited):
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
         """Return how far from the limit the search stays at the points [rad]."""
-        return min(_MARGIN, _PART * self.limit(problem))
+        return min(MARGIN, PART * self.limit(problem))
 
 
 class ChaserAttitude(_ChaserAngle):
@@ -142,7 +142,7 @@ class ChaserRotation(_ChaserAngle):
     ) -> Sequence[compiled.PathRequirement]:
         """Return what makes the rows in the core."""
         kept = self.limit(problem) - margin
-        return (compiled.rotation_within(kept, _KNEE * kept, OF_INTEREST),)
+        return (compiled.rotation_within(kept, KNEE * kept, OF_INTEREST),)
 
 
 def _attitudes_along(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
