@@ -78,6 +78,7 @@ ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 MOST_FILES, MOST_LINES = 15, 350
 # Import name to name for pip, where the two differ.
 PIP_NAMES = {
+    "Basilisk": "bsk",
     "coal": "pin",  # which is built on it and brings it
     "dask": "distributed",  # which is built on it and brings it
     "mcap_ros2": "mcap-ros2-support",

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from collections.abc import Sequence
 from functools import partial
 from importlib.metadata import version
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from ff_planner_benchmark.parts import parts_of
 from ff_planner_benchmark.second_engine import Miss, flown_in_drake
 from ff_planner_benchmark.second_shapes import Shapes
 from ff_planner_ros.errors import FfPlannerError, Status
@@ -75,15 +74,3 @@ def _look(
     if distances:
         pair = min(distances, key=distances.__getitem__)
         seen.append((distances[pair], pair, begin + time))
-
-
-def parts_of(trajectory: Trajectory, parts: int) -> Iterator[tuple[float, Trajectory]]:
-    """Yield the parts of a plan, each from time zero on, and when each begins [s]."""
-    times = trajectory.time - trajectory.time[0]
-    ends = np.linspace(0, len(times) - 1, parts + 1).astype(int)
-    for begin, end in pairwise(ends):
-        rows = {
-            one.name: getattr(trajectory, one.name)[begin : end + 1] for one in fields(trajectory)
-        }
-        part = replace(trajectory, **rows | {"time": times[begin : end + 1] - times[begin]})
-        yield float(times[begin]), part

@@ -57,10 +57,19 @@ class Compared:
         return float(10.0 ** -len(self.printed.partition(".")[2]))
 
     @property
+    def rounds(self) -> bool:
+        """Whether ours rounds to the printed number."""
+        return self._off <= 0.5 + 1e-6
+
+    @property
     def agrees(self) -> bool:
-        """Whether ours rounds to the printed number, or is as near as `within` says."""
-        off = abs(self.ours - float(self.printed))
-        return off <= (self.within + 1e-6) * self.unit_of_last_digit
+        """Whether it does, or is as near as `within` says."""
+        return self.rounds or self._off <= self.within
+
+    @property
+    def _off(self) -> float:
+        """The difference in units of the last printed digit."""
+        return abs(self.ours - float(self.printed)) / self.unit_of_last_digit
 
 
 def model(name: str, base: Base = Base.FREE_FLYER, root: str = "base") -> Robot:
@@ -84,7 +93,7 @@ def as_printed(name: str) -> Robot:
     return replace(robot, model=changed)
 
 
-_PLANAR_START = np.array([-1.0882, 0.7349, 1.9241])
+PLANAR_START = np.array([-1.0882, 0.7349, 1.9241])
 
 
 def planar_testbed() -> Iterator[Compared]:
@@ -95,8 +104,8 @@ def planar_testbed() -> Iterator[Compared]:
     def row(time: float) -> int:
         return min(int(time / 0.01 + 1e-9), len(torques) - 1)
 
-    driven_by = by_torques(robot, _PLANAR_START, lambda t, _q, _v: torques[row(t)], 4.99, 0.01)
-    led_by = by_law(robot, _PLANAR_START, lambda t, _q: rates[row(t)], 4.99, 0.001)
+    driven_by = by_torques(robot, PLANAR_START, lambda t, _q, _v: torques[row(t)], 4.99, 0.01)
+    led_by = by_law(robot, PLANAR_START, lambda t, _q: rates[row(t)], 4.99, 0.001)
     own = "their dynamics freeze the pose within a Runge-Kutta step"
     yield Compared("base turn, torques", "deg", "-13.967", driven_by.turn)
     yield Compared("base turn, velocities", "deg", "-13.965", led_by.turn)
@@ -112,7 +121,7 @@ def planar_testbed() -> Iterator[Compared]:
         for (name, unit), digits, ours in zip(names, printed, found, strict=True):
             what = f"end effector {name}, {source}"
             yield Compared(what, unit, digits, float(ours), "recomputed", own, within=3.0)
-    straight = driven(robot, quintic(_PLANAR_START, driven_by.q[-1, 7:], 5.0), _STEPS)
+    straight = driven(robot, quintic(PLANAR_START, driven_by.q[-1, 7:], 5.0), _STEPS)
     yield Compared("base turn, one quintic a joint", "deg", "-14.00", straight.turn, "recomputed")
 
 
@@ -236,13 +245,13 @@ def srs_hold() -> Iterator[Compared]:
 
 
 BASILISK_GOALS = np.deg2rad([-30.0, 45.0, 90.0, -20.0])
-_BASILISK_ACCELERATIONS = np.deg2rad([0.01, 0.01, 0.02, 0.02])
+BASILISK_ACCELERATIONS = np.deg2rad([0.01, 0.01, 0.02, 0.02])
 
 
 def basilisk_arm() -> Iterator[Compared]:
     """P4: springs that follow the profile, in Runge-Kutta steps of 0.1 s."""
     robot = model("basilisk_arm", root="hub")
-    profile = smoothed_bang_bang(BASILISK_GOALS, _BASILISK_ACCELERATIONS, 10.0)
+    profile = smoothed_bang_bang(BASILISK_GOALS, BASILISK_ACCELERATIONS, 10.0)
     moved = by_torques(robot, np.zeros(4), springs(profile, 500.0, 100.0), 300.0, 0.1)
     yield Compared("hub turn after 300 s", "deg", "11.746464", moved.turn, "recomputed")
     yield Compared("largest hub turn", "deg", "11.746538", moved.peak, "recomputed")
