@@ -71,6 +71,12 @@ def command_parser() -> ArgumentParser:
     score.add_argument("scenario", type=Path, metavar="SCENARIO.yaml")
     score.add_argument("answer", type=Path, metavar="ANSWER.json")
 
+    reach = add("reach", "how far the arm of P5 reaches in 98 directions, by the chaser's turn")
+    reach_help = "figures of the gallery, to which these are added"
+    reach.add_argument("--json", type=Path, required=True, metavar="FILE", help=reach_help)
+    directions_help = "so many of them, spread evenly (default: %(default)s)"
+    reach.add_argument("--directions", type=int, default=98, metavar="N", help=directions_help)
+
     for command in (contest, dataset):
         workers_help = "processes at a time (default: %(default)s)"
         command.add_argument("--workers", type=int, default=2, metavar="N", help=workers_help)

@@ -17,6 +17,7 @@ from ff_planner_benchmark import dataset as data_set
 from ff_planner_benchmark.bench.executed import ENGINES
 from ff_planner_benchmark.bench.report import BENCH, run_on_one_core
 from ff_planner_benchmark.contest import results
+from ff_planner_benchmark.gallery import reach as reaches
 from ff_planner_benchmark.method_process import ENTRANTS
 from ff_planner_benchmark.scorer import score as scorer
 from ff_planner_ros.analysis.json_file import json_text, read_json
@@ -136,6 +137,21 @@ def score(options: argparse.Namespace) -> int:
     judged = scorer.judged(*loaded, answer)
     print(json_text(asdict(judged), indent=1))
     return 0 if judged.solved else 3
+
+
+def reach(options: argparse.Namespace) -> int:
+    """Add how far the arm of P5 reaches to the gallery's figures, and print it.
+
+    Raises:
+        InvalidInput: There are not so many directions.
+    """
+    count = options.directions
+    if not 1 <= count <= len(reaches.directions()):
+        allowed = f"it must be from 1 to {len(reaches.directions())}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--directions", count, allowed)
+    reaches.write_figures(options.json, count)
+    print(*reaches.summary(read_json(options.json)["reach"]), sep="\n")
+    return 0
 
 
 def _require_in_range(name: str, value: int | None) -> None:
