@@ -17,7 +17,7 @@ from ff_planner_ros.robot.collision.urdf_body import urdf_body
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.urdf.urdf import checked_urdf
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
-from ff_planner_ros.robot.urdf.urdf_xml import SRDF, URDF
+from ff_planner_ros.robot.urdf.urdf_xml import SRDF, URDF, read_shapes
 from ff_planner_ros.robot.urdf.xml_reader import Format
 
 LEMUR = LEMUR_URDF.read_text()
@@ -357,6 +357,25 @@ def test_a_fault_names_the_line_on_which_its_element_begins(
         told = str(refusal.value)
         assert words in told
         assert re.search(rf"{re.escape(words)}[^;]* \(line {line}[;)]", told), (line, told)
+
+
+def test_of_several_shapes_that_at_fault_has_its_line_and_a_part_that_is_none_the_links() -> None:
+    shapes = "<collision><geometry>\n<mesh filename='{}.stl'/></geometry></collision>\n"
+    text = within("link", "\n" + "".join(map(shapes.format, "ab")))
+    with pytest.raises(InvalidInput) as refusal:
+        robot_from_urdf_text(text, *ENDS)
+    lines = [text[: text.index(f"'{name}.stl'")].count("\n") + 1 for name in "ab"]
+    assert f"(line {lines[0]}; likewise 'chaser' on {lines[1]})" in str(refusal.value)
+    faults = Faults()
+    robot = read_shapes(text, faults)
+    faults.add("link", "chaser", "collision origin", "odd", "make it even")
+    faults.add("link", "chaser", "inertial mass", "odd", "make it even")
+    with pytest.raises(InvalidInput) as refusal:
+        faults.refuse_if_any()
+    told = str(refusal.value)
+    link = robot.find("link[@name='chaser']")
+    assert f"even (line {link.line})" in told
+    assert f"even (line {link.find('inertial/mass').line})" in told
 
 
 def test_faults_of_one_kind_have_a_line_each() -> None:

@@ -48,7 +48,7 @@ class Meshes:
             points, hull = self.convex(name, scale)
         except NoSolid as fault:
             value = "embedded" if name.startswith("data:") else name or "without a filename"
-            faults.add("link", link, "collision mesh", value, str(fault))
+            faults.add("link", link, "collision mesh", value, str(fault), mesh)
             return None
         mesh.set("filename", EMBEDDED + base64.b64encode(points.astype("<f4").tobytes()).decode())
         mesh.set("scale", " ".join(repr(float(number)) for number in scale))
