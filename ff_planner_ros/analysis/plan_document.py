@@ -23,7 +23,7 @@ from ff_planner_ros.errors import Faults, InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
-from ff_planner_ros.planning.problem.obstacles import Obstacle, with_mesh_read
+from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Target,
@@ -187,7 +187,7 @@ def _asked_in(answer: Any) -> dict[str, Any]:
     if "obstacles" in asked:
         # It carries the hulls of its meshes, and names no files.
         asked["obstacles"] = tuple(
-            with_mesh_read(one, f"obstacles[{index}]", Meshes(None))
+            one.with_mesh_read(f"obstacles[{index}]", Meshes(None))
             for index, one in enumerate(asked["obstacles"])
         )
     if {"obstacles", "target_body"} <= asked.keys():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -27,11 +27,10 @@ from ff_planner_ros.planning.problem.target_body import (
     AttachedSphereEntry,
     TargetBody,
 )
-from ff_planner_ros.robot.collision.solids import MeshFile, Shaped
+from ff_planner_ros.robot.collision.solids import Shaped
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 from ff_planner_ros.robot.rotation import cross
-from ff_planner_ros.robot.urdf.meshes import Meshes
 
 _NOT_TURNED, _UPRIGHT, _STILL = frozen(np.eye(3)), frozen(no_turn()), frozen(zero_vector())
 
@@ -286,7 +285,6 @@ class SphereEntry(AttachedSphereEntry):
 
 # An obstacle in a file has a key `shape`, or a centre and radius
 OBSTACLE: Form = part_or_entry("shape", Obstacle, SphereEntry)
-AnyShaped = TypeVar("AnyShaped", bound=Shaped)
 
 
 def require_foretold(obstacles: Sequence[Obstacle], until: float) -> None:
@@ -305,21 +303,6 @@ def require_foretold(obstacles: Sequence[Obstacle], until: float) -> None:
                 f"within {until:.6g} s the body turns too far to be foretold, by {turns:.3g} rad; "
                 f"{MOST_TURNS:g} rad are allowed",
             )
-
-
-def with_mesh_read(one: AnyShaped, told: str, meshes: Meshes) -> AnyShaped:
-    """Return an obstacle, attached or not, with its mesh file read.
-
-    Args:
-        told: Name of its field in errors.
-        meshes: Reads mesh files.
-
-    Raises:
-        InvalidInput: The file cannot be read, or its mesh has no convex hull.
-    """
-    if isinstance(one.shape, MeshFile):
-        return replace(one, shape=one.shape.load(f"{told}.shape.mesh", meshes))
-    return one
 
 
 def carried(obstacles: Sequence[Obstacle], time: float) -> tuple[Obstacle, ...]:

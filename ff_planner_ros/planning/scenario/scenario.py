@@ -25,7 +25,6 @@ from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status, fields_renamed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.limits import ChaserGoal
-from ff_planner_ros.planning.problem.obstacles import AnyShaped, with_mesh_read
 from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
 from ff_planner_ros.planning.problem.problem import (
     USUAL_POINTS,
@@ -45,6 +44,7 @@ from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.following import require_askable_phases
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.robot.collision.solids import Thing
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import (
     Robot,
@@ -212,12 +212,12 @@ def _has_goal(document: object) -> bool:
 def _read_meshes(read: dict[str, Any], place: str, directory: Path | None, faults: Faults) -> None:
     """Read the mesh files of obstacles and target body, and the target body's URDF."""
 
-    def loaded(told: str, entries: Sequence[AnyShaped]) -> tuple[AnyShaped, ...]:
-        found = list[AnyShaped]()
+    def loaded(told: str, entries: Sequence[Thing]) -> tuple[Thing, ...]:
+        found = list[Thing]()
         meshes = Meshes(directory)
         for index, one in enumerate(entries):
             with faults.gathered():
-                found.append(with_mesh_read(one, f"{told}[{index}]", meshes))
+                found.append(one.with_mesh_read(f"{told}[{index}]", meshes))
         return tuple(found)
 
     if "obstacles" in read:

@@ -22,7 +22,7 @@ def notes_on_files(task: PlanningTask) -> tuple[str, ...]:
 
 
 def notes_on(problem: PlanningProblem, settings: PlannerSettings) -> tuple[str, ...]:
-    """Return notes on target body, obstacles, postures a turn away, margins, and plug-ins beside the core."""
+    """Return notes on target body, meshes, postures a turn away, margins, and plug-ins."""
     body = problem.target_body
     of_meshes = dict.fromkeys(note for one in problem.obstacles for note in one.solid.notes)
     notes = (*(() if body is None else body.notes), *of_meshes, *_turn_notes(problem))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import coal
 import numpy as np
@@ -314,6 +314,20 @@ class Shaped:
             told, allowed = f"{self.PLACE}[{self.id}].shape", "its file must be read before"
             raise InvalidInput(Status.UNSUPPORTED, told, self.shape.file, allowed)
         return self.shape
+
+    def with_mesh_read(self, told: str, meshes: Meshes) -> Self:
+        """Return it with its mesh file read, if it has one.
+
+        Args:
+            told: Name of its field in errors.
+            meshes: Reads mesh files.
+
+        Raises:
+            InvalidInput: The file cannot be read, or its mesh has no convex hull.
+        """
+        if isinstance(self.shape, Solid):
+            return self
+        return replace(self, shape=self.shape.load(f"{told}.shape.{MESH}", meshes))
 
     @property
     def is_sphere(self) -> bool:

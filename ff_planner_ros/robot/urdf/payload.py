@@ -23,7 +23,6 @@ from ff_planner_ros.robot.collision.solids import (
     MESH,
     MeshFile,
     Shaped,
-    Solid,
     by_name,
 )
 from ff_planner_ros.robot.kept_with import kept_with_it
@@ -126,7 +125,8 @@ class Payload:
             InvalidInput: A mesh cannot be read, or has no hull.
         """
         meshes = Meshes(directory)
-        return replace(self, shapes=tuple(_loaded(shape, meshes) for shape in self.shapes))
+        read = [one.with_mesh_read(f"{one.PLACE}[{one.id}]", meshes) for one in self.shapes]
+        return replace(self, shapes=tuple(read))
 
 
 def with_payload(robot: Robot, payload: Payload, touching: Sequence[str] = ()) -> Robot:
@@ -185,13 +185,6 @@ def _require_moved_link(robot: Robot, link: str) -> None:
     if link not in moved:
         allowed = f"it must be a link that the arm moves: {', '.join(moved)}"
         raise InvalidInput(Status.OUT_OF_RANGE, f"{FIELD}.link", quoted(link), allowed)
-
-
-def _loaded(shape: HeldShape, meshes: Meshes) -> HeldShape:
-    if isinstance(shape.shape, Solid):
-        return shape
-    told = f"{FIELD}.shapes[{shape.id}].shape.{MESH}"
-    return replace(shape, shape=shape.shape.load(told, meshes))
 
 
 def _urdf_with(urdf: str, payload: Payload, touching: Sequence[str]) -> str:
