@@ -41,6 +41,7 @@ from ff_planner_ros.robot.collision.solids import Solid
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.tree import Tree
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload, with_payload
 from ff_planner_ros.robot.wheels import Wheels
 from ff_planner_ros.ros.inputs.state_input import Snapshot
@@ -288,6 +289,9 @@ def test_a_robot_that_takes_a_payload_is_in_all_else_what_it_was(case: str) -> N
             after = after[:-1]
         if name == "wheels":
             assert digest_of(before) == digest_of(after)
+        elif name == "tree":
+            for item in {one.name for one in fields(Tree)} - {"model"}:
+                np.testing.assert_array_equal(getattr(before, item), getattr(after, item), item)
         elif isinstance(before, np.ndarray):
             np.testing.assert_array_equal(before, after, err_msg=name)
         else:

@@ -62,6 +62,7 @@ class Configured:
             _parameters=PARAMETERS,
             _solver=Mock(is_warm=True),
             _states=self.states,
+            _robots=None,
             _scenes=self.scenes,
             _output=self.output,
             _service=self.service,

@@ -17,9 +17,8 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.simulation import verification
-from ff_planner_ros.simulation.capture import Capture
+from ff_planner_ros.simulation.capture import Capture, Corridor
 from ff_planner_ros.simulation.contacts import Contact
-from ff_planner_ros.simulation.corridor import Corridor
 from ff_planner_ros.simulation.deviation import POSITION_TOLERANCE, Deviation, deviation
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.verification import (

@@ -25,8 +25,7 @@ from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.robot.collision.lines import with_bodies
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.runs.planned_motions import PlannedMotion, motions_of, recorded_motions
-from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
-from ff_planner_ros.simulation.corridor import Corridor
+from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, Corridor, is_soft
 from ff_planner_ros.simulation.deviation import ALLOWED, Deviation
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors

@@ -24,7 +24,7 @@ from ff_planner_ros.robot.collision.primitives import kind_and_sizes
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation
-from ff_planner_ros.simulation.engine import compiled, mujoco, specification
+from ff_planner_ros.simulation.mujoco_model import compiled, mujoco, specification
 
 # Checks between two states of an execution, and in a second, at least. From one state to the next
 # nothing turns by more than 0.01 rad: from check to check a corner 3 m away moves 1.5 mm.

@@ -17,9 +17,8 @@ from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import angular_momenta
-from ff_planner_ros.simulation.capture import Capture, capture, is_soft
+from ff_planner_ros.simulation.capture import Capture, Corridor, capture, corridor, is_soft
 from ff_planner_ros.simulation.contacts import Contact, Touch
-from ff_planner_ros.simulation.corridor import Corridor, corridor
 from ff_planner_ros.simulation.deviation import (
     POSITION_TOLERANCE,
     Deviation,

@@ -22,8 +22,9 @@ from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.simulation.engine import Engine, compiled, mujoco, specification
+from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.feed_forward import feed_forward
+from ff_planner_ros.simulation.mujoco_model import compiled, mujoco, specification
 
 # Step of MuJoCo [s], and time constant of the weld in steps.
 _STEP, _STIFF = 1e-3, 2.0
