@@ -11,22 +11,31 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.model import Robot
 
 CLOSE = 1e-12
+NOTHING: Mapping[str, tuple[str, float, float]] = {}
 
 
-def require_same(robot: Robot, text: str, locked: Mapping[str, float], postures: int = 20) -> None:
+def require_same(
+    robot: Robot,
+    text: str,
+    locked: Mapping[str, float],
+    postures: int = 20,
+    coupled: Mapping[str, tuple[str, float, float]] = NOTHING,
+) -> None:
     """Require that each part that moves, and the tip at random postures, are as Pinocchio reads.
 
     Args:
         text: The URDF that the robot was read from.
         locked: Positions of joints that do not move [rad, m]; those that are left out are at zero.
+        coupled: Of joints that move along with another one: that, multiplier and offset.
     """
     theirs = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     data, q = theirs.createData(), pin.neutral(theirs)
     for name, at in locked.items():
         put(theirs, q, name, at)
     pin.forwardKinematics(theirs, data, q)
-    planned = [theirs.getJointId(name) for name in robot.joint_names]
-    weights = {joint: pin.Inertia.Zero() for joint in (1, *planned)}
+    moving = [theirs.getJointId(name) for name in tuple(robot.model.names)[2:]]
+    assert len(moving) == robot.joints + len(coupled)
+    weights = {joint: pin.Inertia.Zero() for joint in (1, *moving)}
     for joint in range(1, theirs.njoints):
         carrier = joint
         while carrier not in weights:
@@ -46,8 +55,10 @@ def require_same(robot: Robot, text: str, locked: Mapping[str, float], postures:
         turned = pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs()
         ours = np.concatenate([rng.normal(size=3), turned, joints])
         q[:7] = ours[:7]
-        for name, at in zip(robot.joint_names, joints, strict=True):
-            put(theirs, q, name, at)
+        at = dict(zip(robot.joint_names, joints.tolist(), strict=True))
+        at |= {name: times * at[of] + more for name, (of, times, more) in coupled.items()}
+        for name, position in at.items():
+            put(theirs, q, name, position)
         pin.forwardKinematics(robot.model, our_data, ours)
         pin.forwardKinematics(theirs, data, q)
         place = pin.updateFramePlacement(robot.model, our_data, robot.tip_frame_id).homogeneous

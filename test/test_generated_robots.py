@@ -42,6 +42,9 @@ class Published:
             self.base = "deck"
         self.tip = self.arm("a", self.base, locked=False)
         self.gripper("a", self.tip)
+        self.coupled = dict[str, tuple[str, float, float]]()
+        if seed % 4 == 1:
+            self.flap()
         if seed % 3 == 0:
             self.gripper("b", self.arm("b", "bus", locked=True))
         self.text = f"<robot name='published'>{''.join(self.parts)}</robot>"
@@ -110,6 +113,15 @@ class Published:
         self.link(f"{arm}_tool", 0.0)
         return f"{arm}_tool"
 
+    def flap(self) -> None:
+        """Add a joint on the base that moves along with the arm's first one."""
+        factor, offset = self.rng.uniform(-1.5, 1.5, 2).tolist()
+        self.coupled["flap"] = "a_1", factor, offset
+        mimic = f'<mimic joint="a_1" multiplier="{factor!r}" offset="{offset!r}"/>'
+        limit = '<limit lower="-99" upper="99" velocity="1" effort="1"/>'
+        self.joint("flap", "revolute", self.base, "flap_link", limit + mimic)
+        self.link("flap_link", 3.0)
+
     def gripper(self, arm: str, carrier: str) -> None:
         first, second = f"{arm}_finger_1", f"{arm}_finger_2"
         self.joint(
@@ -132,7 +144,7 @@ def test_a_robot_is_read_as_pinocchio_reads_it(seed: int) -> None:
     assert {joint.name: joint.position for joint in robot.locked_joints if not joint.is_fixed} == (
         pytest.approx(one.locked, abs=1e-15)
     )
-    require_same(robot, one.text, one.locked)
+    require_same(robot, one.text, one.locked, coupled=one.coupled)
 
 
 @pytest.mark.sampled
@@ -146,7 +158,9 @@ def test_a_file_is_the_same_body_as_a_robot_with_all_joints_locked(seed: int) ->
     at = one.held | {name: float(rng.uniform(-1.0, 1.0)) for name in planned - one.locked.keys()}
     body = urdf_body(one.text, "target_body.urdf", locked_joints=at)
     data, q = model.createData(), pin.neutral(model)
-    for name, position in (one.locked | at).items():
+    at = dict.fromkeys(planned, 0.0) | one.locked | at
+    at |= {name: times * at[of] + more for name, (of, times, more) in one.coupled.items()}
+    for name, position in at.items():
         put(model, q, name, position)
     pin.ccrba(model, data, q, np.zeros(model.nv))
     assert body.mass == pytest.approx(data.Ig.mass, rel=1e-12)
@@ -164,4 +178,4 @@ def test_a_collision_mesh_that_is_missing_is_named_and_lines_need_none(
         robot_from_urdf_text(text, one.base, one.tip, held_at=one.held, directory=tmp_path)
     lines = Geometry.LINES
     robot = robot_from_urdf_text(text, one.base, one.tip, held_at=one.held, geometry=lines)
-    require_same(robot, text, one.locked, postures=2)
+    require_same(robot, text, one.locked, 2, one.coupled)

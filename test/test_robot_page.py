@@ -90,7 +90,7 @@ def test_masses_centres_and_inertias_are_those_by_hand() -> None:
     np.testing.assert_allclose(found["tip"]["rotation"], np.eye(3), atol=1e-15)
     assert found["reach"] == pytest.approx(np.hypot(1.0, 0.25), abs=1e-15)
     assert found["locked_joints"] == [
-        {"name": "grip", "type": "prismatic", "position": 0.25, "joint": "turn"}
+        {"name": "grip", "type": "prismatic", "position": 0.25, "follows": False, "joint": "turn"}
     ]
 
 
@@ -137,6 +137,21 @@ def test_each_limit_says_where_it_comes_from() -> None:
         "-720 to 720 deg, either way of any turn (planner), any velocity (none known), "
         "any torque (none known)"
     )
+
+
+def test_a_coupled_joint_says_what_it_follows_and_what_it_carries() -> None:
+    mimic = '<mimic joint="turn" multiplier="-0.5" offset="0.25"/><limit lower="-9" upper="9"'
+    urdf = TURNED.replace('<limit lower="0.25" upper="0.5"', mimic)
+    found = facts_of(urdf, "deck", "tool")
+    (one,) = found["coupled_joints"]
+    assert (one["name"], one["type"], one["follows"]) == ("grip", "prismatic", "turn")
+    assert (one["multiplier"], one["offset"]) == (-0.5, 0.25)
+    # With the joint that it follows at zero it is at its offset.
+    np.testing.assert_allclose(one["carries"]["center_of_mass"], [1.25, 0.0, 0.5], atol=1e-15)
+    assert (one["carries"]["links"], one["carries"]["mass"]) == (["finger"], 0.5)
+    assert found["joints"][0]["moves"] == {"links": 3, "mass": 2.5}
+    assert found["joints"][0]["carries"]["mass"] == 2.0
+    assert dict(robot_rows(found))["  grip"] == "prismatic, coupled: at -0.5 turn +0.25"
 
 
 def numbers_in(value: Any) -> Iterator[float]:

@@ -66,8 +66,22 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
         "reach": arm_reach(robot),
         "joints": joints,
         **({"slide_weight": robot.slide_weight} if robot.has_slides else {}),
+        "coupled_joints": [
+            {
+                "name": model.names[2 + k],
+                "type": "prismatic" if robot.tree.slides[k].any() else "revolute",
+                "follows": robot.joint_names[robot.tree.planned[k]],
+                "multiplier": float(robot.tree.multipliers[k]),
+                "offset": float(robot.tree.offsets[k]),
+                "axis": _list(places[2 + k].rotation @ (robot.tree.axes + robot.tree.slides)[k]),
+                "position": _list(places[2 + k].translation),
+                "carries": {"links": links[2 + k], **_weight(parts[2 + k])},
+            }
+            for k in range(robot.tree.joints)
+            if model.names[2 + k] not in robot.joint_names
+        ],
         "locked_joints": [
-            {"name": one.name, "type": one.type, "position": one.position}
+            {"name": one.name, "type": one.type, "position": one.position, "follows": one.follows}
             | {"joint": _carrier(robot, _fixed_to(robot, one.name))}
             for one in robot.locked_joints
             if not one.is_fixed
@@ -102,22 +116,33 @@ def robot_rows(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield from _joint_rows(joint)
     if (weight := facts.get("slide_weight")) is not None:
         yield "joint path", f"sliding by 1 m counts as {weight:g} rad"
+    for one in facts["coupled_joints"]:
+        offset = f" {one['offset']:+g}" if one["offset"] else ""
+        moves = f"at {one['multiplier']:g} {one['follows']}{offset}"
+        yield f"  {one['name']}", f"{one['type']}, coupled: {moves}"
+        yield from _part_rows(one)
     yield "locked joints", str(len(facts["locked_joints"]))
     for one in facts["locked_joints"]:
         unit = "m" if one["type"] == "prismatic" else "rad"
         at = f"{one['type']}, at {one['position']:g} {unit}"
-        yield f"  {one['name']}", f"{at}, on {one['joint'] or 'the chaser'}"
+        why = ", by the joint that it mimics" if one["follows"] else ""
+        yield f"  {one['name']}", f"{at}{why}, on {one['joint'] or 'the chaser'}"
     yield from _geometry_rows(facts)
     yield "notes", str(len(facts["notes"]))
     yield from ((f"  {number}", note) for number, note in enumerate(facts["notes"], start=1))
 
 
 def _joint_rows(joint: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    carried, moved = joint["carries"], joint["moves"]
+    moved = joint["moves"]
     yield f"  {joint['name']}", joint["type"]
-    yield "    axis", f"{_vector(joint['axis'])} through {_vector(joint['position'])} m"
     yield "    limits", _limits_told(joint)
     yield "    moves", f"{moved['mass']:g} kg, {moved['links']} links"
+    yield from _part_rows(joint)
+
+
+def _part_rows(joint: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    carried = joint["carries"]
+    yield "    axis", f"{_vector(joint['axis'])} through {_vector(joint['position'])} m"
     yield "    carries", f"{carried['mass']:g} kg: {_named(carried['links'])}"
     yield from (("  " + name, value) for name, value in _weight_rows(carried))
 
