@@ -1,4 +1,4 @@
-"""The chaser's attitude at the goal in requests: read, written, refused by name, and replayed."""
+"""The chaser's attitude at the goal in requests: read, written and refused by name."""
 
 from __future__ import annotations
 
@@ -10,18 +10,24 @@ from ff_planner_msgs.msg import Phase, PlanRequest
 from geometry_msgs.msg import Quaternion
 from robots import CONFIG
 from ros_processes import FRAME
-from test_request_reading import asked
 
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import ChaserGoal, PlanningProblem, Posture
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.ros.messages.from_messages import problem_from_request
+from ff_planner_ros.ros.messages.phases import phases_in
 from ff_planner_ros.ros.messages.requests import change_request, request_of_task
 from ff_planner_ros.ros.messages.to_messages import request_message
 
-SETTINGS = load_parameters().planner
+PARAMETERS = replace(load_parameters(), inertial_frame=FRAME)
+SETTINGS = PARAMETERS.planner
 TURNED = np.array([0.0, 0.6, 0.0, 0.8])
 GOALS = [ChaserGoal(rotation=0.02), ChaserGoal(quaternion_xyzw=TURNED, tolerance=0.05)]
+
+
+def read(problem: PlanningProblem, request: PlanRequest) -> PlanningProblem:
+    return problem_from_request(request, problem.robot, problem.start, (), PARAMETERS)
 
 
 @pytest.mark.parametrize("goal", GOALS, ids=["rotation", "attitude"])
@@ -37,15 +43,15 @@ def test_a_request_has_it_beside_any_goal(
     if goal.rotation is None:
         told = request.goal.chaser_attitude[0]
         assert [told.x, told.y, told.z, told.w] == TURNED.tolist()
-        assert request.limits.chaser_tolerance == [0.05]
-    read = asked(problem, request).task.problem.chaser_goal
-    assert (read.rotation, read.tolerance) == (goal.rotation, goal.tolerance)
-    assert np.array_equal(read.wanted(np.zeros(4)), goal.wanted(np.zeros(4)))
+        assert list(request.limits.chaser_tolerance) == [0.05]
+    found = read(problem, request).chaser_goal
+    assert (found.rotation, found.tolerance) == (goal.rotation, goal.tolerance)
+    assert np.array_equal(found.wanted(np.zeros(4)), goal.wanted(np.zeros(4)))
 
 
 def test_a_request_without_it_asks_for_any_attitude(lemur_capture: PlanningProblem) -> None:
     request = request_message(lemur_capture, FRAME)
-    assert asked(lemur_capture, request).task.problem.chaser_goal.most == np.inf
+    assert read(lemur_capture, request).chaser_goal.most == np.inf
 
 
 def test_phases_have_their_own() -> None:
@@ -74,12 +80,11 @@ def test_a_request_is_refused_by_the_name_of_its_field(
     request = request_message(lemur_capture, FRAME)
     request.goal.chaser_rotation, request.goal.chaser_attitude = rotation, attitude
     with pytest.raises(InvalidInput) as refused:
-        asked(lemur_capture, request)
+        read(lemur_capture, request)
     assert words in str(refused.value)
     request.then = [Phase(goal=request.goal, duration=5.0)]
-    request.goal = request_message(lemur_capture, FRAME).goal
     with pytest.raises(InvalidInput) as refused:
-        asked(lemur_capture, request)
+        phases_in(request, lemur_capture.robot, PARAMETERS, None)
     assert f"then[0].{words}" in str(refused.value)
 
 

@@ -62,8 +62,9 @@ def test_every_declared_place_is_in_the_message(kind: type[Any], message: type[A
     places = list(places_in(kind))
     assert places
     for key, place, one in places:
-        at = place.removesuffix("[0]")
-        found = value_at(with_entries(message(), at), at)
+        # What is in an entry is a message of its own if it has slots.
+        at = place if one.form.slots else place.removesuffix("[0]")
+        found = value_at(with_entries(message(), f"{at}."), at)
         for slot in one.form.slots:
             assert isinstance(value_at(found, slot), float), key
 

@@ -78,8 +78,10 @@ def values_in(
         except AttributeError:
             if one.default is MISSING:
                 raise
-    parts = inlined(kind).items()
-    return found | {name: part(**values_in(part, message, field)) for name, part in parts}
+    for name, part in inlined(kind).items():
+        if (told := values_in(part, message, field)) or not hasattr(kind, name):
+            found[name] = part(**told)
+    return found
 
 
 def _says_something(one: DeclaredField, part: Any) -> bool:
