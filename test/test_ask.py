@@ -100,6 +100,9 @@ def test_what_is_set_counts_instead_of_the_scenario(tmp_path: Path) -> None:
     assert len(answer["time"]) == 20
     assert answer["time"][-1] == pytest.approx(14.0, abs=1e-9)
     assert answer["metrics"]["max_chaser_rotation"] <= 0.5
+    changes = ("--set", "target.chaser_rotation=0.01", "--set", "limits.chaser_rotation=0.5")
+    answer = solved(tmp_path / "b.json", CAPTURE, *BRING, "--plan-only", *changes)
+    assert answer["metrics"]["final_chaser_rotation"] <= 0.01 + 2e-6
 
 
 def in_ci(*case: Any) -> ParameterSet:

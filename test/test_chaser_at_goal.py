@@ -13,6 +13,7 @@ import pytest
 import yaml
 from core_rows import NO_OBJECTIVE
 from dense_motion import truth
+from recorded_requests import only_request
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 
@@ -39,9 +40,14 @@ from ff_planner_ros.planning.scenario.scenario import (
     scenario_schema,
 )
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.following import following
+from ff_planner_ros.planning.task.phase import Phase
+from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.twin import seen_from
 from ff_planner_ros.robot.model import Base
+from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.replay import Verdict, replay
 
 SETTINGS = load_parameters().planner
 SCENARIOS = CONFIG / "scenarios"
@@ -320,3 +326,39 @@ def test_the_console_asks_for_it_in_degrees_and_zero_asks_for_nothing(
     asked = turned_at_goal(task, 0.02)
     assert asked.problem.chaser_goal.rotation == 0.02
     assert turned_at_goal(asked, 0.0).digest == task.digest
+
+
+def test_it_counts_at_the_goal_and_not_after_it(lemur_capture: PlanningProblem) -> None:
+    """While the end effector is held, the chaser goes on turning."""
+    asked = replace(lemur_capture, chaser_goal=ChaserGoal(rotation=SMALL))
+    task = PlanningTask(asked, SETTINGS, end_behaviour=EndBehaviour.HOLD_END_EFFECTOR, tail=4.0)
+    plan = perform(task)
+    motion = plan.trajectory
+    goal = int(np.abs(motion.time - asked.duration).argmin())
+    first, last, end = Rotation.from_quat(motion.chaser_quaternions_xyzw[[0, goal, -1]])
+    assert (first.inv() * last).magnitude() <= SMALL + 2e-6
+    assert (first.inv() * end).magnitude() > 10.0 * SMALL
+    assert plan.metrics.final_chaser_rotation <= SMALL + 2e-6
+
+
+def test_a_phase_has_its_own_and_none_of_the_phase_before(
+    lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    asked = replace(lemur_capture, chaser_goal=ChaserGoal(rotation=1.0))
+    rest, own = Posture(at_rest=True), ChaserGoal(rotation=0.5)
+    for goal, most in ((ChaserGoal(), np.inf), (own, 0.5)):
+        phase = Phase(duration=5.0, target=rest, chaser_goal=goal)
+        later = following(PlanningTask(asked, SETTINGS, then=(phase,)), lemur_plan)
+        assert later.problem.chaser_goal.most == most
+
+
+def test_a_recorded_plan_is_replayed_to_the_last_bit(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    turn = Rotation.from_rotvec([0.0, 0.02, -0.01]).as_quat()
+    asked = replace(lemur_capture, chaser_goal=ChaserGoal(quaternion_xyzw=turn, tolerance=2e-3))
+    task = PlanningTask(asked, SETTINGS)
+    record_answer(tmp_path / "bag", task, perform(task), 0.5)
+    recorded = only_request(tmp_path / "bag")
+    assert recorded.planned_task().digest == task.digest
+    assert replay(recorded).verdict is Verdict.IDENTICAL
