@@ -233,7 +233,7 @@ def test_it_describes_what_it_can_be_asked_for(client: Client) -> None:
     robot = load_robot(LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.LINES)
     assert (told.state, told.inertial_frame) == ("active", FRAME)
     assert (told.version, told.messages_version) == (version("ff_planner_ros"),) * 2
-    assert told.goal_kinds == ["POSE", "CAPTURE", "JOINTS", "AT_REST"]
+    assert told.goal_kinds == ["POSE", "CAPTURE", "JOINTS", "AT_REST", "FOLLOW"]
     assert told.orientations == ["FIXED", "FREE", "ABOUT_AXIS"]
     assert all(getattr(Goal, name) == value for value, name in enumerate(told.goal_kinds))
     assert told.obstacles == ["sphere", "box", "cylinder", "capsule", "cone", "mesh"]

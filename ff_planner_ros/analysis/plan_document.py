@@ -25,6 +25,7 @@ from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.problem import (
+    PathToFollow,
     PlanningProblem,
     Target,
     attached,
@@ -73,6 +74,7 @@ def _scene(asked: dict[str, Any]) -> Scene:
         target=target if body is None and isinstance(target, Target) else None,
         target_body=body,
         capture_time=asked.get("duration"),
+        path=target if isinstance(target, PathToFollow) else None,
     )
 
 

@@ -167,7 +167,7 @@ def refusal_dictionary(
 def _asked(problem: PlanningProblem, times: Array) -> dict[str, Any]:
     """Return a problem as a scenario has it, with its target body's motion at some times."""
     values = {key: attrgetter(one.name)(problem) for key, one in ASKED.items()}
-    values["target"] = problem.posture or problem.target
+    values["target"] = problem.posture or problem.path or problem.target
     values["obstacles"] = [one for one in problem.obstacles if one.body is None]
     asked = written(ASKED, values)
     if problem.target_body is not None:

@@ -138,6 +138,11 @@ def print_verdict(
         )
     if found.corridor is not None:
         print(f"approach: {_told(found.corridor)}")
+    if found.path is not None:
+        turn = found.path.orientation_error
+        turned = "" if turn is None else f" and {np.rad2deg(turn):.5f} deg"
+        away = f"{found.path.position_error * 1e3:.4f} mm{turned}"
+        print(f"path: the end effector strays from it by at most {away}")
     _print_contacts(found, "bodies" if robot.bodies else "lines", unknown=scene is None)
     if flown:
         told = with_bodies(robot), trajectory, among.obstacles, among.allowed_collisions
@@ -212,6 +217,8 @@ def _verdict(found: Verification, flown: Sequence[Flown]) -> str:
         return "failed: the system does not do what the plan says"
     if not found.kept_corridor:
         return "failed: the end effector leaves the corridor of its approach"
+    if not found.kept_path:
+        return "failed: the end effector strays from its path by more than the tolerances"
     if found.contacts:
         first = found.contacts[0]
         return f"failed: {first.pair} touch at {first.first_time:.3f} s, and must not"

@@ -567,6 +567,24 @@ def goal_in_view(
         interest: Values above have no rows [rad, m].
     """
 
+def follows_path(
+    positions: Array,
+    rotations: Array,
+    counts: Sequence[int],
+    position: float,
+    orientation: float,
+) -> PathRequirement:
+    """Return what makes the rows of `FollowsPath`.
+
+    Args:
+        positions: Of the path, at the times that requirements look at. Shape (times, 3) [m].
+        rotations: To inertial axes, those of one time below those of another; empty: the
+            orientation is free. Shape (3 times, 3).
+        counts: Components of the error that count, 0 to 5, linear first, inertial axes.
+        position: Bound of each component of the position [m].
+        orientation: Bound of each component of the rotation vector from the path [rad].
+    """
+
 class MotionOfPath:
     """A motion at which Python is asked for rows; only as long as that takes."""
 

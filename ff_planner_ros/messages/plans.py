@@ -80,6 +80,7 @@ def _plan(answer: PlanAnswer, plans: Sequence[PlanMessage]) -> Plan:
 
 def metrics_from_message(message: PlanMetrics) -> Metrics:
     """Read the metrics of a plan or of the best attempt."""
+    # What older messages lack, they do not know.
     values: dict[str, Any] = {
         item.name: value_at(message, item.name, item.default) for item in fields(Metrics)
     }

@@ -2,7 +2,7 @@
 
 In MuJoCo the target is a free body without forces. As nothing touches it before the capture, it is
 integrated in a model of its own. `captured` compares two measurements instead; `corridor` is the
-margin of a motion to the approach corridor.
+margin of a motion to the approach corridor, `path_followed` its errors along a path.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.path.followed import PathToFollow
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.simulation.deviation import ORIENTATION_TOLERANCE, POSITION_TOLERANCE
 
 if TYPE_CHECKING:
     from ff_planner_ros.simulation.engine import Engine
@@ -199,3 +202,52 @@ def _grasps(scene: Scene, times: Array, captured: float) -> tuple[Array, Rotatio
     turned = Rotation.from_rotvec(np.outer(later, target.angular_velocity))
     positions = target.position + np.outer(later, target.linear_velocity)
     return positions, turned * Rotation.from_quat(target.quaternion_xyzw.copy())
+
+
+@dataclass(frozen=True)
+class PathFollowed:
+    """The largest errors of an execution's end effector along a path."""
+
+    position_error: float  # [m]
+    orientation_error: float | None  # [rad]; None: the orientation is free
+    time: float  # of the largest position error, from the start of the plan [s]
+
+    def is_within(self, path: PathToFollow) -> bool:
+        """Tell whether the errors are within a path's tolerances and those of an execution."""
+        turn = self.orientation_error or 0.0
+        return (
+            self.position_error <= path.position_tolerance + POSITION_TOLERANCE
+            and turn <= path.orientation_tolerance + ORIENTATION_TOLERANCE
+        )
+
+
+def path_followed(
+    path: PathToFollow | None,
+    base: Base,
+    planned: Trajectory,
+    engine: Engine,
+    states: Sequence[Array],
+    times: Array,
+) -> PathFollowed | None:
+    """Return the largest errors of a motion along a path; None: there is no path.
+
+    Args:
+        path: In the inertial frame of the motion.
+        planned: Its first point is where the path begins, likewise.
+        states: States of the engine.
+        times: From the start of the plan, at least as many as states. Shape (times,) [s].
+    """
+    if path is None:
+        return None
+    count = int((times[: len(states)] <= path.duration * (1.0 + 1e-12)).sum())
+    twist = (planned.ee_linear_velocities[0], planned.ee_angular_velocities[0])
+    poses = path.curve(np.concatenate(twist)).at(times[:count])
+    seen = [engine.observe(state) for state in states[:count]]
+    counts = np.isin(range(6), base.tip_rows)
+    apart = counts[:3] * (np.array([one.ee_position for one in seen]) - poses.positions)
+    away, turn = np.linalg.norm(apart, axis=1), None
+    if poses.quaternions is not None:
+        wanted = Rotation.from_quat(poses.quaternions)
+        turned = Rotation.from_quat([one.ee_quaternion_xyzw for one in seen]) * wanted.inv()
+        turn = float(np.linalg.norm(counts[3:] * turned.as_rotvec(), axis=1).max())
+    return PathFollowed(float(away.max()), turn, float(times[int(away.argmax())]))

@@ -17,7 +17,15 @@ from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import angular_momenta
-from ff_planner_ros.simulation.capture import Capture, Corridor, capture, corridor, is_soft
+from ff_planner_ros.simulation.capture import (
+    Capture,
+    Corridor,
+    PathFollowed,
+    capture,
+    corridor,
+    is_soft,
+    path_followed,
+)
 from ff_planner_ros.simulation.contacts import Contact, Touch
 from ff_planner_ros.simulation.deviation import (
     POSITION_TOLERANCE,
@@ -70,6 +78,8 @@ class Verification:
     pairs: int = 0  # number of pairs that were checked for contacts
     capture: Capture | None = None  # of the target body; None: there is none
     corridor: Corridor | None = None  # of the approach; None: there is none
+    path: PathFollowed | None = None  # of the path to follow; None: there is none
+    kept_path: bool = True  # whether it was followed within its tolerances
     # Largest difference, over three axes and all points, between the torque that holds the base
     # and the plan's wheel torque [N m]; None: no wheels hold the base
     holding_torque_error: float | None = None
@@ -86,8 +96,8 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether the plan was reproduced, kept its corridor, and had no forbidden contact."""
-        return self.came_true and self.kept_corridor and not self.contacts
+        """Whether the plan was reproduced, kept corridor and path, and had no forbidden contact."""
+        return self.came_true and self.kept_corridor and self.kept_path and not self.contacts
 
     @property
     def kept_corridor(self) -> bool:
@@ -125,6 +135,7 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
     origin, velocity = engine.center_of_mass(state_at(trajectory, 0))
     seen = scene.captured_at(float(trajectory.time[-1])).seen_from(origin, velocity)
     touch, times = Touch(robot, seen), found.command.time[::2]
+    path = path_followed(seen.path, robot.base, planned, engine, found.states, times)
     return Verification(
         execution=_seen_in(found.execution, origin, velocity, engine.mass),
         deviation=found.deviation,
@@ -133,6 +144,8 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
         pairs=touch.pairs,
         capture=_capture(seen, found.execution),
         corridor=corridor(seen, robot.base, engine, found.states, times),
+        path=path,
+        kept_path=path is None or seen.path is None or path.is_within(seen.path),
         holding_torque_error=found.holding_torque_error,
         parts=found.parts,
     )

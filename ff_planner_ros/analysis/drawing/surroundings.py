@@ -36,6 +36,8 @@ _OBSTACLE, _GOAL = "#c0392b", "#000000"
 _CORRIDOR_SIDES = 12
 # Times at which the view of a camera is drawn.
 _VIEWS = 3
+# Lines that a path to follow is drawn with.
+_PATH_LINES = 200
 # Of the axes x, y and z.
 _AXIS_COLOURS = ("#e41a1c", "#4daf4a", "#377eb8")
 # In lengths of the arm: what is further off than this from it would make it small in the picture.
@@ -116,7 +118,7 @@ def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str
     """Return line segments that show a scene's path constraints, by the constraint's field name.
 
     The corridor of an `approach` is drawn at the goal, the view cone of a `camera` up to the goal,
-    at some of the times at which the goal must be in view.
+    at some of the times at which the goal must be in view. A `path` to follow is drawn as a whole.
 
     Returns:
         Both ends of each line, inertial. Shape (lines, 2, 3) [m].
@@ -126,6 +128,11 @@ def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str
         found["approach"] = corridor_lines(scene.approach, goal.position, goal.quaternion_xyzw)
     if scene.camera is not None and goal is not None:
         found["camera"] = view_lines(scene.camera, scene, robot, motion)
+    if scene.path is not None:
+        twist = motion.ee_linear_velocities[0], motion.ee_angular_velocities[0]
+        times = np.linspace(0.0, scene.path.duration, _PATH_LINES + 1)
+        places = scene.path.curve(np.concatenate(twist)).at(times).positions
+        found["path"] = np.stack([places[:-1], places[1:]], axis=1)
     return found
 
 

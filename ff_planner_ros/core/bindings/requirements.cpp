@@ -7,6 +7,7 @@
 #include "bindings/bindings.hpp"
 #include "program/chaser_at_goal.hpp"
 #include "program/distance_requirements.hpp"
+#include "program/follows_path.hpp"
 #include "program/goal_requirements.hpp"
 #include "program/load_requirements.hpp"
 #include "program/path_requirements.hpp"
@@ -30,6 +31,10 @@ struct Given<Matrix3> {
   using Type = Array;
 };
 template <>
+struct Given<RowMajor> {
+  using Type = Array;
+};
+template <>
 struct Given<Vector6> {  // ones and zeros: the numbers of those that count
   using Type = std::vector<int>;
 };
@@ -46,6 +51,7 @@ void take(int& to, int given, const char* name) {
 void take(Eigen::VectorXd& to, const Array& given, const char* name) {
   to = values(given, name, {kAny});
 }
+void take(RowMajor& to, const Array& given, const char* name) { to = rows(given, name, {kAny, 3}); }
 void take(Vector3& to, const Array& given, const char* name) { to = vector3(given, name); }
 void take(Matrix3& to, const Array& given, const char* name) { to = matrix3(given, name); }
 void take(Vector6& to, const std::vector<int>& given, const char*) { to = ones_at(given); }
@@ -223,6 +229,10 @@ void bind_requirements(py::module_& m) {
       Field{"axis", &GoalInView::axis}, Field{"half_angle", &GoalInView::half_angle},
       Field{"until", &GoalInView::until}, Field{"margin", &GoalInView::margin},
       Field{"interest", &GoalInView::interest});
+  required<FollowsPath>(
+      m, "follows_path", Field{"positions", &FollowsPath::positions},
+      Field{"rotations", &FollowsPath::rotations}, Field{"counts", &FollowsPath::counts},
+      Field{"position", &FollowsPath::position}, Field{"orientation", &FollowsPath::orientation});
 }
 
 }  // namespace ff

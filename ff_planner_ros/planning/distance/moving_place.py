@@ -35,7 +35,11 @@ def places_between(times: Array, places: Array, velocities: Array, count: int) -
 
 
 def least_margin(
-    times: Array, places: Array, velocities: Array, margins: Callable[[Array], Array]
+    times: Array,
+    places: Array,
+    velocities: Array,
+    margins: Callable[[Array], Array],
+    gap: float = _GAP,
 ) -> tuple[Least, Array]:
     """Return the least margin of a moving point, and where the point is then, (3,) [m].
 
@@ -47,6 +51,7 @@ def least_margin(
         velocities: Shape (times, 3) [m/s].
         margins: Margins of places, with Lipschitz constant 1: from shape (places, 3) to shape
             (places,) [m].
+        gap: Between the times the margin is known to this [m].
     """
     cubics, fastest = _cubics(times, places, velocities)
 
@@ -64,7 +69,7 @@ def least_margin(
     none = np.zeros(len(cubics), np.intp)
     ends = at_points.rows(slice(-1)), at_points.rows(slice(1, None))
     pieces = Pieces(none, steps[:-1], steps[1:], *ends)
-    least = certified_least(times, pieces, values_at, ways, None, _GAP)
+    least = certified_least(times, pieces, values_at, ways, None, gap)
     return least, least.more[0]
 
 

@@ -21,6 +21,8 @@ _WITHOUT = {
     "max_view_angle": "no camera",
     **dict.fromkeys(("peak_grasp_force", "peak_grasp_torque"), "no payload"),
     **dict.fromkeys(("capture_impulse", "capture_angular_impulse"), "no mass"),
+    "max_path_position_error": "no path",
+    "max_path_orientation_error": "free",
     "min_self_clearance": "no pairs",
     "min_velocity_margin": "no limits",
     "min_acceleration_margin": "no limits",
@@ -144,6 +146,13 @@ class Metrics:
     capture_impulse: float = _metric("N s", "capture impulse", _TORQUE, "N s", ".4g", np.inf)
     capture_angular_impulse: float = _metric(
         "N m s", "capture angular impulse", _TORQUE, "N m s", ".4g", np.inf
+    )
+    # From the path to follow, at any time up to the goal; infinite: no path, or a free orientation.
+    max_path_position_error: float = _metric(
+        "m", "largest distance from the path", _METRE, "mm", ".4f", np.inf
+    )
+    max_path_orientation_error: float = _metric(
+        "rad", "largest angle to the path", _RAD, "deg", ".5f", np.inf
     )
     # Pairs of the clearances, `body/obstacle` and `body/body`, and their times [s]; empty and
     # infinite: there is none.

@@ -24,6 +24,7 @@ from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.limits import ChaserGoal
 from ff_planner_ros.planning.problem.obstacles import Obstacle, SphereEntry, with_attached
+from ff_planner_ros.planning.problem.path.followed import PathToFollow
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.target_body import TargetBody
@@ -72,6 +73,7 @@ class SystemFrame:
             problem,
             start=self.start,
             target=self._target_here(problem.target, end) if here is None else here.target(end),
+            path=None if problem.path is None else self._path_here(problem.path),
             obstacles=others if here is None else with_attached(others, here),
             target_body=here,
             chaser_goal=self._chaser_goal_here(problem.chaser_goal),
@@ -135,6 +137,13 @@ class SystemFrame:
         return (
             goal if wanted is None else replace(goal, quaternion_xyzw=self._attitude_here(wanted))
         )
+
+    def _path_here(self, path: PathToFollow) -> PathToFollow:
+        # On the finer grid: points may be near each other, and the path is smooth.
+        def place(at: Array, time: float) -> Array:
+            return self._vector_here((at - self.origin) - self.velocity * time, _SPEED)
+
+        return path.moved(place, self._attitude_here)
 
     def _body_here(self, body: TargetBody) -> TargetBody:
         return replace(

@@ -167,6 +167,7 @@ def applies(problem: PlanningProblem) -> bool:
         problem.robot.joints >= PAPERS_JOINTS
         and problem.robot.base is Base.FREE_FLYER
         and problem.target.orientation is Orientation.FIXED
+        and problem.path is None
     )
 
 

@@ -22,6 +22,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.conversions import chain_of, start_of, target_of
 from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion
+from ff_planner_ros.planning.paths.path_guesses import spans_along
 from ff_planner_ros.planning.paths.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.paths.spline_guesses import spline_guesses
 from ff_planner_ros.planning.problem.obstacles import Obstacle
@@ -130,7 +131,7 @@ class JointSplines:
 
     def towards(self, target: Target) -> JointSplines:
         """Return the motions to a target near this one; the control points stay what they are."""
-        return replace(self, problem=replace(self.problem, target=target))
+        return replace(self, problem=replace(self.problem, target=target, path=None))
 
     def lasting(
         self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
@@ -202,9 +203,15 @@ class JointSplines:
 def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointSplines:
     """Return the joint splines from the start state of a problem.
 
-    If the start's joint accelerations are not known, they are zero.
+    If the start's joint accelerations are not known, they are zero, or those of a path to follow,
+    which also takes as many spans as it needs.
     """
-    return JointSplines(problem, SplineBasis(problem.duration, settings.joint_spline_spans))
+    spans = settings.joint_spline_spans
+    if problem.path is not None:
+        spans, accelerations = spans_along(problem, settings)
+        start = replace(problem.start, joint_accelerations=accelerations)
+        problem = replace(problem, start=start)
+    return JointSplines(problem, SplineBasis(problem.duration, spans))
 
 
 @lru_cache(maxsize=8)  # the programs of a search differ in objectives and margins

@@ -18,6 +18,7 @@ from ff_planner_ros.planning.distance.contact import deepest_contact
 from ff_planner_ros.planning.paths.chaser_loops import with_loops
 from ff_planner_ros.planning.paths.end_effector_polynomial import applies, end_effector_families
 from ff_planner_ros.planning.paths.even_normals import even_normals
+from ff_planner_ros.planning.paths.path_guesses import path_guesses
 from ff_planner_ros.planning.paths.spline_basis import FIXED
 from ff_planner_ros.planning.problem.obstacles import Obstacle
 from ff_planner_ros.planning.problem.posture import Posture
@@ -79,6 +80,9 @@ def _touching_later(family: JointSplines, guesses: Iterator[Array]) -> Iterator[
 def _guesses(family: JointSplines, obstacles: Sequence[Obstacle], points: int) -> Iterator[Array]:
     if family.problem.posture is not None:
         yield from _ways_of_joints(family, family.problem.posture)
+        return
+    if family.problem.path is not None:
+        yield from path_guesses(family)
         return
     ways, begin = list[Array](), family.problem.start.joint_positions
     for guess in _near_papers_path(family, obstacles, points, slice(1)):

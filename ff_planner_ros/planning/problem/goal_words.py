@@ -12,6 +12,7 @@ class GoalKind(enum.IntEnum):
     CAPTURE = 1
     JOINTS = 2
     AT_REST = 3
+    FOLLOW = 4
 
 
 class Orientation(enum.StrEnum):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,7 @@ from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.planning.problem.path.followed import PathToFollow
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.configuration import configuration, whose_limits
 from ff_planner_ros.robot.model import Robot
@@ -106,22 +107,26 @@ class Posture:
                 )
 
 
-def _goal(field: str, value: object) -> Target | Posture:
-    """Read a target, or the posture that some of its keys stand for."""
-    of_joints = isinstance(value, dict) and value.keys() & {"joints", "at_rest"}
-    found: Target | Posture = part(Posture if of_joints else Target).read(field, value)
+def _goal(field: str, value: object) -> Target | Posture | PathToFollow:
+    """Read a target, or the posture or path that some of its keys stand for."""
+    keys = value.keys() if isinstance(value, dict) else ()
+    kind: type[Any] = Posture if {"joints", "at_rest"} & {*keys} else Target
+    found: Target | Posture | PathToFollow
+    found = part(PathToFollow if "path" in keys else kind).read(field, value)
     return found
 
 
-def _goal_checked(field: str, value: object) -> Target | Posture:
-    return value if isinstance(value, Posture) else an_object(field, value, Target)
+def _goal_checked(field: str, value: object) -> Target | Posture | PathToFollow:
+    if isinstance(value, Posture | PathToFollow):
+        return value
+    return an_object(field, value, Target)
 
 
 def _goal_schema() -> Schema:
-    return {"anyOf": [part(Target).schema(), part(Posture).schema()]}
+    return {"anyOf": [part(kind).schema() for kind in (Target, Posture, PathToFollow)]}
 
 
-# A target, or a posture: its keys say which.
+# A target, a posture or a path: its keys say which.
 GOAL = replace(
     part(Target), read=_goal, schema=_goal_schema, checked=_goal_checked, written=written_object
 )

@@ -30,6 +30,7 @@ from ff_planner_ros.planning.problem.obstacles import (
     require_foretold,
     with_attached,
 )
+from ff_planner_ros.planning.problem.path.followed import PathToFollow, followed_target
 from ff_planner_ros.planning.problem.posture import GOAL, Posture, target_of_posture
 from ff_planner_ros.planning.problem.target import (
     Target,
@@ -59,6 +60,7 @@ __all__ = [
     "Obstacle",
     "Orientation",
     "Parametrisation",
+    "PathToFollow",
     "PlanningProblem",
     "Posture",
     "RigidMotion",
@@ -172,6 +174,8 @@ class PlanningProblem:
     chaser_goal: ChaserGoal = declare_inline(ChaserGoal, default=ANY_ATTITUDE)
     # Goal of the joints: the target is then a placeholder. None: the target is the goal
     posture: Posture | None = None
+    # That the end effector follows: the target is where it ends. None: any way to the target
+    path: PathToFollow | None = None
     # Range that the planner chooses the duration from; None: the duration is given
     duration_range: DurationRange | None = None
     approach: Approach | None = declare(
@@ -199,7 +203,7 @@ class PlanningProblem:
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
-        kinds = {"robot": Robot, "start": SystemState, "posture": Posture}
+        kinds = {"robot": Robot, "start": SystemState, "posture": Posture, "path": PathToFollow}
         check_declared(self, "", **kinds, target=Target, duration_range=DurationRange)
         an_object("chaser_goal", self.chaser_goal, ChaserGoal)
         object.__setattr__(self, "obstacles", in_order(self.obstacles))
@@ -214,14 +218,7 @@ class PlanningProblem:
             object.__setattr__(self, "start", held(self.robot.wheels, self.start))
         if self.robot.base is Base.PLANAR:
             object.__setattr__(self, "start", on_the_table(self.start))
-        if self.posture is not None:
-            object.__setattr__(self, "target", target_of_posture(self, self.posture))
-        elif self.robot.base is Base.PLANAR:
-            with fields_named({} if self.target_body is None else _OF_BODY):
-                target = target_on_the_table(self.robot, self.start, self.target)
-            object.__setattr__(self, "target", target)
-        if self.posture is None:
-            require_enough_joints(self.robot, self.target)
+        object.__setattr__(self, "target", self._goal())
         require_foretold(self.obstacles, self.durations.maximum)
         # In one order, so that equal problems are equal.
         object.__setattr__(self, "allowed_collisions", tuple(sorted(set(self.allowed_collisions))))
@@ -231,6 +228,17 @@ class PlanningProblem:
             self._require_approachable(self.approach)
         if self.camera is not None:
             self._require_known_link(self.camera.link)
+
+    def _goal(self) -> Target:
+        """Return the target, checked: of a posture the placeholder, of a path where it ends."""
+        if self.posture is not None:
+            return target_of_posture(self, self.posture)
+        target = self.target if self.path is None else followed_target(self, self.path)
+        if self.robot.base is Base.PLANAR:
+            with fields_named({} if self.target_body is None else _OF_BODY):
+                target = target_on_the_table(self.robot, self.start, target)
+        require_enough_joints(self.robot, target)
+        return target
 
     @property
     def durations(self) -> DurationRange:

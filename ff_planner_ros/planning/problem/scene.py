@@ -15,6 +15,7 @@ from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.path.followed import PathToFollow
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,
     Obstacle,
@@ -75,6 +76,7 @@ class Scene:
     held_from: float = math.inf
     approach: Approach | None = None  # of the last stretch to the target, if any
     camera: Camera | None = None  # that keeps the target in view, if any
+    path: PathToFollow | None = None  # that leads to the target, from the first point on, if any
 
     __repr__ = in_a_line
 
@@ -125,11 +127,15 @@ class Scene:
                 position=target.position - way,
                 linear_velocity=target.linear_velocity - velocity,
             )
+        path = self.path
+        if path is not None:
+            path = path.moved(lambda at, time: at - origin - time * velocity)
         return replace(
             self,
             obstacles=(*free, *(() if body is None else attached(body))),
             target=target,
             target_body=body,
+            path=path,
         )
 
 

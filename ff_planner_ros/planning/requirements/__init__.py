@@ -8,6 +8,7 @@ from ff_planner_ros.planning.requirements.camera_view import CameraView
 from ff_planner_ros.planning.requirements.chaser_at_goal import ChaserAtGoal
 from ff_planner_ros.planning.requirements.clear_of_itself import ClearOfItself
 from ff_planner_ros.planning.requirements.clear_of_obstacles import ClearOfObstacles
+from ff_planner_ros.planning.requirements.follows_path import FollowsPath
 from ff_planner_ros.planning.requirements.goal import Goal
 from ff_planner_ros.planning.requirements.limits.capture_impulse import CaptureImpulse
 from ff_planner_ros.planning.requirements.limits.chaser_rotation import (
@@ -33,6 +34,7 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     ClearOfItself(),
     ApproachCorridor(),
     CameraView(),
+    FollowsPath(),
     JointPositions(),
     JointRates(),
     JointAccelerations(),

@@ -80,10 +80,23 @@ def split(document: object, faults: Faults) -> tuple[object, list[dict[str, Any]
             allowed = f"a phase may have {', '.join(sorted(heads))}"
             faults.add(f"{KEY}[0].{key}", "unknown", allowed)
     others = [
-        read_keys(_KEYS, f"{KEY}[{index}]", one, faults)
+        read_keys(_KEYS, f"{KEY}[{index}]", with_duration_of_path(one), faults)
         for index, one in enumerate(given[1:], start=1)
     ]
     return alone | first, others
+
+
+def with_duration_of_path(document: object) -> object:
+    """Return a scenario or phase with the duration of the path to follow, where it omits it."""
+    if not isinstance(document, dict) or "duration" in document:
+        return document
+    target = document.get("target")
+    path = target.get("path") if isinstance(target, dict) else None
+    last = path[-1] if isinstance(path, list) and path else None
+    time = last.get("time") if isinstance(last, dict) else None
+    # What is no positive time is a fault of the path, which is told there.
+    is_time = isinstance(time, int | float) and not isinstance(time, bool) and time > 0.0
+    return document if path is None else document | {"duration": time if is_time else 1.0}
 
 
 def first_named(document: object) -> AbstractContextManager[None]:

@@ -30,6 +30,7 @@ from ff_planner_ros.planning.problem.problem import (
     USUAL_POINTS,
     DurationRange,
     Limits,
+    PathToFollow,
     PlanningProblem,
     with_attached,
 )
@@ -38,7 +39,13 @@ from ff_planner_ros.planning.problem.target import require_enough_joints
 from ff_planner_ros.planning.scenario.body_file import TARGET_BODY, BodyFile
 from ff_planner_ros.planning.scenario.defaults import Defaults as Defaults
 from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
-from ff_planner_ros.planning.scenario.phases_file import PHASES, built, first_named, split
+from ff_planner_ros.planning.scenario.phases_file import (
+    PHASES,
+    built,
+    first_named,
+    split,
+    with_duration_of_path,
+)
 from ff_planner_ros.planning.scenario.robot_file import MEASURED_POSITIONS, POSITIONS, RobotFile
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.following import require_askable_phases
@@ -152,8 +159,13 @@ def scenario_schema() -> Schema:
     schema = schema_of(KEYS)
     schema["required"] = [key for key in schema["required"] if key != "duration"]
     of_chaser = schema_of(declared(ChaserGoal))
+    with_path = {"properties": {"target": {"required": ["path"]}}}
     goals = [
-        {"required": ["target", "duration"], "not": {"required": ["target_body"]}},
+        {
+            "required": ["target"],
+            "anyOf": [{"required": ["duration"]}, with_path],
+            "not": {"required": ["target_body"]},
+        },
         {"required": ["target_body", "duration"], "properties": of_chaser["properties"]},
         {"required": [PHASES_KEY]},
     ]
@@ -178,6 +190,7 @@ def _built(whole: object, directory: Path | None, points: int, build: _Build[Bui
 def _built_of(whole: object, directory: Path | None, points: int, build: _Build[Built]) -> Built:
     faults = Faults()
     document, others = split(whole, faults)
+    document = with_duration_of_path(document)
     read = read_keys(KEYS, "", document, faults)
     has_goal, has_body = (
         _has_goal(document),
@@ -257,9 +270,9 @@ def _problem(read: Mapping[str, Any], robot: Robot, limits: Limits) -> PlanningP
         given["target"] = body.target(given["duration"])
         given["obstacles"] = with_attached(given["obstacles"], body)
     given["limits"] = replace(limits, **given.get("limits", {}))
-    if isinstance(posture := given["target"], Posture):
-        start = _start(robot, read)
-        given |= {"target": end_effector_at(robot, start), "posture": posture}
+    if isinstance(goal := given["target"], Posture | PathToFollow):
+        start, field = _start(robot, read), "posture" if isinstance(goal, Posture) else "path"
+        given |= {"target": end_effector_at(robot, start), field: goal}
         return PlanningProblem(robot=robot, start=start, **given)
     # Before the start: an arm that cannot meet the target may well be unable to rest, too.
     require_enough_joints(robot, given["target"])

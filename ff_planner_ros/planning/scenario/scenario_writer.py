@@ -75,8 +75,7 @@ def _said_of(problem: PlanningProblem) -> dict[str, Any]:
     values = _said_by(problem.start) | _said_by(problem)
     if problem.duration_range is not None:
         values["duration"] = problem.duration_range
-    if problem.posture is not None:
-        values["target"] = problem.posture
+    values["target"] = problem.posture or problem.path or problem.target
     if problem.target_body is not None:
         del values["target"]
         values["obstacles"] = [one for one in problem.obstacles if one.body is None]

@@ -100,6 +100,7 @@ def require_papers_paths(problem: PlanningProblem, field: str, value: str, advic
     robot = problem.robot
     reasons = {
         "a goal of the joints": problem.posture is not None,
+        "a path to follow": problem.path is not None,
         f"an arm of {robot.joints} joints": robot.joints < PAPERS_JOINTS,
         "a planar base": robot.base is Base.PLANAR,
         "a base whose attitude wheels hold": robot.base is Base.ATTITUDE_HELD,

@@ -1,10 +1,18 @@
-"""Search from one initial guess: another problem's path, or the remainder of a running plan."""
+"""Search from initial guesses that are near a plan.
+
+One of another problem's paths, or the remainder of a running plan; and guesses along a path to
+follow, whose corridor leaves few detours: each is optimised on all points, first for a smooth norm
+of the Euler angles, then for the largest.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import chain, islice
+
+import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import OutOfTime
@@ -12,7 +20,12 @@ from ff_planner_ros.planning.motion.motion import joint_path_length, straight_wa
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, PassingOn, Watch
 from ff_planner_ros.planning.optimisation.evaluated_path import PathLinearisation
+from ff_planner_ros.planning.optimisation.objectives import weighted_sum
+from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.optimisation.solver import Stop
+from ff_planner_ros.planning.paths.path_family import PathFamily
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings, SearchDepth
 from ff_planner_ros.planning.search.grid import CLEARANCES, Grid
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution
 from ff_planner_ros.planning.search.multi_start import is_promising
@@ -31,6 +44,21 @@ _NEAREST = "good enough: the feasible path nearest to the remainder of the runni
 # A guess that leads to a plan takes 6 to 70 evaluations of a path; three to four times as many if
 # the duration is free, too.
 _LOOKS, _LOOKS_WITH_DURATION = 120, 480
+
+# Guesses by depth of the search, and how often the best plan is improved.
+_GUESSES = {SearchDepth.QUICK: (1, 0), SearchDepth.NORMAL: (3, 1), SearchDepth.THOROUGH: (8, 4)}
+# p of the norms of the Euler angles, and the iterations with each.
+_NORMS = ((2.0, 25), (8.0, 25), (np.inf, 60))
+# Violations [m, rad] that do not stop the solver's steps; its first trust region; its optimality
+# and progress.
+_TOLERATED, _RADIUS_ALONG, _OPTIMALITY, _PROGRESS_ALONG = 2e-3, 0.25, 1e-5, 1e-4
+# Then, on all points: iterations, likewise where constraints are tightened, and trust region.
+_LAST, _TIGHTENING, _NEAR = 30, 6, 0.1
+# Weight of the joint path where it has none, relative to the attitude's: a chaser that turns by a
+# hundredth of a degree counts more than the joints that prevent it.
+_TIE_BREAK = 1e-5
+# The best plan is improved as long as that gains so much of the objective.
+_GAIN = 0.02
 
 
 class Allowance(PassingOn):
@@ -162,3 +190,74 @@ def _coarse_optimum(solver: GridSolver, guess: Array) -> PathSolution | None:
 def _near(grid: Grid, iterations: int) -> Grid:
     """Return a grid that is solved in a few steps, from near an optimum."""
     return grid.with_stage(iterations=iterations, progress=_PROGRESS, radius=_RADIUS)
+
+
+def plan_along(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    family: PathFamily,
+    watch: Watch,
+    first_guess: Array | None,
+) -> Plan | None:
+    """Return the best plan along a problem's path by an objective that weighs the attitude.
+
+    None: no guess leads to a plan.
+
+    Raises:
+        OutOfTime: By the watch.
+    """
+    asked = problem.objective
+    problem = replace(problem, parametrisation=Parametrisation(family.name))
+    program = path_program(problem, family, settings)
+    least = _TIE_BREAK * asked.chaser_attitude
+    weights = replace(asked, joint_path_length=max(asked.joint_path_length, least))
+    solver = GridSolver(replace(program, objective=weights), settings, watch)
+    count, rounds = _GUESSES[settings.search]
+    given = [] if first_guess is None else [first_guess]
+    guesses = chain(given, solver.initial_guesses())
+    plans = [
+        plan for guess in islice(guesses, count) for plan in _plans_from(solver, guess, _NORMS)
+    ]
+    if not plans:
+        return None
+
+    def cost(plan: Plan) -> float:
+        return weighted_sum(asked, plan.metrics)
+
+    best = min(plans, key=cost)
+    for _ in range(rounds):
+        before = cost(best)
+        best = min([best, *_plans_from(solver, best.coefficients, _NORMS[-1:])], key=cost)
+        if cost(best) > (1.0 - _GAIN) * before:
+            break
+    return replace(best, solver=solver.effort.report(best.solver))
+
+
+def _plans_from(
+    solver: GridSolver, x: Array, norms: tuple[tuple[float, int], ...]
+) -> Iterator[Plan]:
+    """Yield the plan to which a path leads, if it passes the check."""
+    solver.effort.starts += 1
+    grid = solver.grids[-1]
+    for norm, iterations in norms:
+        found = solver.solve(_stage(grid, norm, iterations), x)
+        if found.at_x.is_defined:
+            x = found.x
+    near = grid.with_correction(x).with_stage(
+        iterations=_LAST, tolerated=_TOLERATED, radius=_NEAR, progress=_PROGRESS_ALONG
+    )
+    found = solver.solve_feasibly(near, x, None)
+    last = near.with_stage(iterations=_TIGHTENING)
+    yield from solver.sound_plans(*solver.tighten(last, found, solver.solve_and_restore))
+
+
+def _stage(grid: Grid, norm: float, iterations: int) -> Grid:
+    """Return a grid with a p-norm in place of the largest Euler angle."""
+    smooth = replace(grid, program=replace(grid.program, attitude_norm=norm))
+    return smooth.with_stage(
+        iterations=iterations,
+        tolerated=_TOLERATED,
+        radius=_RADIUS_ALONG,
+        progress=_PROGRESS_ALONG,
+        optimality=_OPTIMALITY,
+    )

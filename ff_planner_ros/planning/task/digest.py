@@ -82,7 +82,10 @@ def _is_absent(value: Any, name: str) -> bool:
             return name == "ee_at_rest"
         case PlanningProblem():
             if name == "target":
-                return value.target_body is not None or value.posture is not None
+                given = value.target_body, value.posture, value.path
+                return any(one is not None for one in given)
+            if name == "path":
+                return value.path is None
             return name == "contact_distance" and not value.allowed_collisions
         case TargetBody():
             return name in ("mass", "notes")  # a task that depends on the mass adds it

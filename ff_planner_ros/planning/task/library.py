@@ -109,6 +109,8 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     ]
     if problem.posture is not None:
         shared.append(int(problem.posture.at_rest))
+    if problem.path is not None:
+        shared.append(problem.path)
     if shapes := [one.shape for one in problem.obstacles if not one.is_sphere]:
         shared.append(shapes)
     parts_of_kind = [_canonical_robot(problem.robot), *map(b"".join, map(canonical, shared))]

@@ -25,6 +25,7 @@ from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
     Parametrisation,
+    PathToFollow,
     PlanningProblem,
     Posture,
     Target,
@@ -61,7 +62,7 @@ class Phase:
 
     duration: float | DurationRange = of_problem("duration")
     # Where the target is when the phase ends, as in a problem of its own; None: a body's grasp
-    target: Target | Posture | None = of_problem("target", default=None)
+    target: Target | Posture | PathToFollow | None = of_problem("target", default=None)
     # In its state at the first point of the whole sequence
     target_body: TargetBody | None = of_problem("target_body", default=None)
     chaser_goal: ChaserGoal = declare_inline(ChaserGoal, default=ANY_ATTITUDE)

@@ -15,7 +15,7 @@ from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.common.declared_messages import names_in, values_in
 from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.errors import InvalidInput, Status, fields_named, fields_renamed
 from ff_planner_ros.messages.obstacles import obstacles_of
 from ff_planner_ros.messages.payloads import robot_holding
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
@@ -42,6 +42,7 @@ from ff_planner_ros.ros.messages.joint_names import (
     of_joints_in,
     posture_in,
 )
+from ff_planner_ros.ros.messages.paths import path_in, path_named
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
     from builtin_interfaces.msg import Time
@@ -113,19 +114,23 @@ def problem_from_request(
     """
     robot = robot_holding(robot, request)
     posture = posture_in(request.goal, robot)
+    path = path_in(request.goal, request.limits, parameters.inertial_frame)
     if request.goal.kind == GoalKind.POSE:
         target_frame = request.goal.pose.header.frame_id
         require_frame("goal.pose.header.frame_id", target_frame, parameters.inertial_frame)
     most = parameters.limits.limits().of_joints(robot.joints)
     names = names_in(PlanningProblem) | names_in(DurationRange, "duration")
-    with fields_named(NAMED_AS | names | GOAL_JOINTS):
+    with fields_renamed(path_named), fields_named(NAMED_AS | names | GOAL_JOINTS):
         given = values_in(PlanningProblem, request, names=_names(request, body))
-        given["duration"], given["duration_range"] = duration_in(request, remaining)
+        of_path = None if path is None else path.duration
+        given["duration"], given["duration_range"] = duration_in(request, remaining, of_path)
         given["limits"] = limits_in(given.get("limits", {}), robot, most)
         given["requirements"] = parameters.requirements
         given["points"] = request.search.points or parameters.points
         if posture is not None:
             given |= {"target": end_effector_at(robot, start), "posture": posture}
+        if path is not None:
+            given |= {"target": end_effector_at(robot, start), "path": path}
         if body is not None:
             given["target"] = body.target(given["duration"])
             obstacles = with_attached(obstacles, body)
@@ -137,7 +142,7 @@ def problem_from_request(
 def _names(request: PlanRequest, body: TargetBody | None) -> list[str]:
     """Return the fields of the problem to read from a request; only a pose goal has a target."""
     names = [item.name for item in fields(PlanningProblem)]
-    if request.goal.kind in (GoalKind.JOINTS, GoalKind.AT_REST):
+    if request.goal.kind in (GoalKind.JOINTS, GoalKind.AT_REST, GoalKind.FOLLOW):
         names.remove("target")
     if body is None:
         return names
@@ -189,12 +194,14 @@ def limits_in(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
 
 
 def duration_in(
-    request: PlanRequest | Phase, remaining: float | None
+    request: PlanRequest | Phase, remaining: float | None, of_path: float | None = None
 ) -> tuple[float, DurationRange | None]:
     """Return the duration, and its range where the planner chooses it, else None.
 
     Args:
         remaining: As in `problem_from_request` [s].
+        of_path: Time of the last pose of a path to follow, which is the duration if the request's
+            is zero or the same to the nanosecond [s]; None: there is no path.
 
     Returns:
         Duration [s], the longest one if there is a range; range.
@@ -202,8 +209,16 @@ def duration_in(
     Raises:
         InvalidInput: The duration or its range is invalid.
     """
-    if remaining is not None and request.duration == request.duration_max == 0.0:
+    if (
+        remaining is not None
+        and of_path is None
+        and request.duration == request.duration_max == 0.0
+    ):
         return remaining, None
+    if of_path is not None and request.duration_max == 0.0:
+        require_end("goal.path", of_path, of_path)
+        if request.duration == 0.0 or abs(request.duration - of_path) * NANOSECONDS < 1.0:
+            return of_path, None
     shortest = finite_number("duration", request.duration, above=0.0)
     window = None
     if request.duration_max != 0.0:

@@ -12,13 +12,19 @@ from ff_planner_ros.common.declared_messages import names_in, value_at, values_i
 from ff_planner_ros.errors import (
     fields_named,
     fields_placed,
+    fields_renamed,
 )
 from ff_planner_ros.messages.payloads import payload_in
 from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
-from ff_planner_ros.planning.problem.problem import DurationRange, Target, TargetBody
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    PathToFollow,
+    Target,
+    TargetBody,
+)
 from ff_planner_ros.planning.task.phase import Phase, require_mass
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.planning.task.whole import captured_bodies
@@ -31,6 +37,7 @@ from ff_planner_ros.ros.messages.from_messages import (
 )
 from ff_planner_ros.ros.messages.interfaces import entry_of
 from ff_planner_ros.ros.messages.joint_names import GOAL_JOINTS, posture_in
+from ff_planner_ros.ros.messages.paths import goal_of_path, path_in, path_named
 from ff_planner_ros.ros.messages.to_messages import (
     goal_of_joints,
     payload_message,
@@ -54,7 +61,8 @@ def phases_in(
     """
     phases = []
     for index, message in enumerate(value_at(request, FIELD)):
-        with fields_placed(f"{FIELD}[{index}]"), fields_named(_NAMES):
+        placed = fields_placed(f"{FIELD}[{index}]")
+        with placed, fields_renamed(path_named), fields_named(_NAMES):
             phases.append(_phase(message, robot, parameters, body))
     if phases and body is not None and request.goal.kind == GoalKind.CAPTURE:
         with fields_named(NAMED_AS):
@@ -78,7 +86,10 @@ def _phase(
         given["target_body"] = body
     elif (posture := posture_in(goal, robot)) is not None:
         given["target"] = posture
-    shortest, window = duration_in(message, None)
+    path = path_in(goal, message.limits, parameters.inertial_frame)
+    if path is not None:
+        given["target"] = path
+    shortest, window = duration_in(message, None, None if path is None else path.duration)
     most = parameters.limits.limits().of_joints(robot.joints)
     given |= {
         "duration": shortest if window is None else window,
@@ -99,6 +110,9 @@ def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str)
         message.goal.kind = Goal.CAPTURE
     if isinstance(phase.target, Posture):
         message.goal = goal_of_joints(message.goal, phase.target, joint_names)
+    if isinstance(phase.target, PathToFollow):
+        may_touch = message.goal.allowed_collisions
+        message.goal = goal_of_path(phase.target, message.limits, inertial_frame, may_touch)
     if phase.payload is not None:
         message.payload = [payload_message(phase.payload)]
     return message
@@ -107,7 +121,8 @@ def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str)
 def not_in_requests(task: PlanningTask) -> Iterator[str]:
     """Yield the fields of goals that a task has and no request holds, as scenarios name them."""
     problem = task.problem
-    first = None if problem.target_body is not None else problem.target
+    is_pose = problem.target_body is None and problem.path is None
+    first = problem.target if is_pose else None
     for number, target in enumerate((first, *(phase.target for phase in task.then))):
         for name in ("linear_acceleration", "angular_acceleration"):
             if isinstance(target, Target) and getattr(target, name).any():

@@ -46,6 +46,7 @@ from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.payload import HeldShape, Payload
 from ff_planner_ros.ros.messages.foreign import FollowJointTrajectory, JointTolerance
 from ff_planner_ros.ros.messages.interfaces import entry_of
+from ff_planner_ros.ros.messages.paths import goal_of_path
 
 # What a goal of the joints has in common with one of the end effector.
 _BESIDE_JOINTS = ("allowed_collisions", "chaser_rotation", "chaser_attitude")
@@ -61,6 +62,9 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanReques
         request.goal.kind = Goal.CAPTURE
     if problem.posture is not None:
         request.goal = goal_of_joints(request.goal, problem.posture, problem.robot.joint_names)
+    if problem.path is not None:
+        may_touch = request.goal.allowed_collisions
+        request.goal = goal_of_path(problem.path, request.limits, inertial_frame, may_touch)
     return request
 
 

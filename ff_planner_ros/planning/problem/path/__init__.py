@@ -1,0 +1,1 @@
+"""A path to follow: its points and the curve through them."""
