@@ -44,6 +44,16 @@ def command_parser() -> ArgumentParser:
     for command in (bench, engines):
         add_output(command, "--json", "FILE", "write all figures", require_file)
 
+    published = add("published", "plan problems that others published, beside their numbers")
+    problem_help = "this problem only, P1 to P16; may be repeated"
+    published.add_argument("--only", action="append", metavar="NAME", help=problem_help)
+    goals_help = "drawn for P16 (default: %(default)s)"
+    published.add_argument("--goals", type=int, default=1000, metavar="N", help=goals_help)
+    figures_help = "keep all figures; those of other problems in it stay"
+    published.add_argument("--json", type=Path, metavar="FILE", help=figures_help)
+    page_help = "write the page (default: print it)"
+    published.add_argument("--page", type=Path, metavar="FILE", help=page_help)
+
     contest = add(
         "contest", "let methods plan the scenarios of a data set, and judge their answers"
     )

@@ -1,4 +1,4 @@
-"""The commands of `ff-planner-benchmark`: bench, engines, dataset, contest, score."""
+"""The commands of `ff-planner-benchmark`."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from ff_planner_benchmark.bench.executed import ENGINES
 from ff_planner_benchmark.bench.report import BENCH, run_on_one_core
 from ff_planner_benchmark.contest import results
 from ff_planner_benchmark.gallery import reach as reaches
+from ff_planner_benchmark.gallery import run as gallery
+from ff_planner_benchmark.gallery.problems import PROBLEMS
 from ff_planner_benchmark.method_process import ENTRANTS
 from ff_planner_benchmark.scorer import score as scorer
 from ff_planner_ros.analysis.json_file import json_text, read_json
@@ -38,13 +40,30 @@ def bench(options: argparse.Namespace) -> int:
     Raises:
         InvalidInput: There is no experiment of a name.
     """
-    known = list(dict.fromkeys(one.name for one in BENCH))
-    if unknown := set(options.only or ()).difference(known):
-        allowed = f"it must be one of {', '.join(known)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "--only", ", ".join(sorted(unknown)), allowed)
+    names = _only(options, dict.fromkeys(one.name for one in BENCH))
     scenarios = (4 if options.quick else 200) if options.scenarios is None else options.scenarios
     _require_in_range("scenarios", scenarios)
-    return _run(options.only or known, scenarios, options)
+    return _run(names, scenarios, options)
+
+
+def _only(options: argparse.Namespace, known: Iterable[str]) -> list[str]:
+    """Return the names that are asked for, or all."""
+    every = list(known)
+    if unknown := set(options.only or ()).difference(every):
+        allowed = f"it must be one of {', '.join(every)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--only", ", ".join(sorted(unknown)), allowed)
+    return options.only or every
+
+
+def published(options: argparse.Namespace) -> int:
+    """Plan the problems of the gallery, and write their page.
+
+    Raises:
+        InvalidInput: There is no problem of a name.
+    """
+    names = _only(options, PROBLEMS)
+    _require_in_range("goals", options.goals)
+    return gallery.run_on_one_core(names, options.goals, options.json, options.page)
 
 
 def engines(options: argparse.Namespace) -> int:
