@@ -88,7 +88,7 @@ def test_a_run_goes_on_with_what_its_file_has(
     shown = capsys.readouterr().out
     assert "| 2 | 30 (24) | 30 (45) | 30 (75) | (0.585) |" in shown
     assert (
-        "1 of 98 directions, 9 plans asked for, 4 s of one processor:\n0.25 directions a second."
+        "1 of 98 directions, 9 plans asked for, 4 s of one\nprocessor: 0.25 directions a second."
         in shown
     )
     assert main(["reach", "--directions", "99", "--json", str(file)]) == 2

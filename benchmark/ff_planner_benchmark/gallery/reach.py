@@ -44,11 +44,12 @@ _STEP = 8  # from a point to the next one outward, before the last step is halve
 _STRIDE = 37  # between two directions that are tried one after the other
 _GUESSES = 5  # initial guesses, beside the plan to the point before
 _KEPT = 0.02  # by the arm from the cube [m]
-_HEAD = """`ff-planner-benchmark reach --json FILE` asks for plans outward from the start pose, in each of
-the source's 98 directions (to all points of a grid of 5 x 5 x 5), until none is found one centimetre on: any
-orientation at the end, 2 cm from the cube, no contact of the arm with itself, joint limits, and the turn never above
-the limit, also between the points. In brackets: as published, for straight lines under one velocity law. With another
-way farther points may have a plan, too."""
+_HEAD = """`ff-planner-benchmark reach --json FILE` asks for plans outward from the start pose, in
+each of the source's 98 directions (to all points of a grid of 5 x 5 x 5), until none is found one
+centimetre on: any orientation at the end, 2 cm from the cube, no contact of the arm with itself,
+joint limits, and the turn never above the limit, also between the points. In brackets: as
+published, for straight lines under one velocity law. Beyond, there may be plans that were not
+found."""
 _SCENARIOS = HERE / "scenarios"
 
 
@@ -202,6 +203,7 @@ def summary(figures: dict[str, Any]) -> Iterator[str]:
         yield f"| {limit:g} | {' | '.join(cells)} |"
     plans, total = sum(row["plans"] for row in rows), sum(row["seconds"] for row in rows)
     yield ""
-    yield f"{len(rows)} of {every} directions, {plans} plans asked for, {total:.0f} s of one processor:"
-    yield f"{len(rows) / total:.2f} directions a second. Theirs take {PUBLISHED_SECONDS:.0f} s for all"
-    yield f"on one thread, {every / PUBLISHED_SECONDS:.2f} a second, by one velocity law without a search."
+    yield f"{len(rows)} of {every} directions, {plans} plans asked for, {total:.0f} s of one"
+    yield f"processor: {len(rows) / total:.2f} directions a second. Theirs take"
+    yield f"{PUBLISHED_SECONDS:.0f} s for all on one thread, {every / PUBLISHED_SECONDS:.2f} a"
+    yield "second, by a velocity law that does not search."
