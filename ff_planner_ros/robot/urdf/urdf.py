@@ -242,7 +242,7 @@ def _check_driven(
     """
     arm = {_name(joint): joint for joint in moving}
     order = [_name(joint) for joint in tree.upwards(link_of(along[-1], "child"))] if along else []
-    told, narrowed = list[str](), dict[str, list[str]]()
+    told, narrowed, apart = list[str](), dict[str, list[str]](), list[str]()
     for link in tree.order:
         joint = tree.above.get(link)
         if joint is None or (drive := driven.get(name := _name(joint))) is None:
@@ -256,9 +256,12 @@ def _check_driven(
         SubElement(joint, "mimic", joint=of, multiplier=multiplier, offset=along_with)
         offset = f" {drive.offset:+g}" if drive.offset else ""
         told.append(f"{name} at {drive.multiplier:g} {of}{offset}")
-        if not len(faults) and _narrow(arm[of], joint, drive, faults):
+        if not len(faults) and _narrow(arm[of], joint, drive, apart):
             narrowed.setdefault(of, []).append(name)
     notes = [f"moved along: {listed(told, LONGEST_NOTE)}"] if told else []
+    if apart:
+        why = "which are not kept, as what they mimic cannot reach them"
+        notes.append(f"limits of joints, {why}: {listed(apart, LONGEST_NOTE)}")
     for name, by in narrowed.items():
         unit = "m" if arm[name].get("type") == "prismatic" else "rad"
         lower, upper, rate = (
@@ -269,11 +272,12 @@ def _check_driven(
     return notes
 
 
-def _narrow(arm_joint: Element, joint: Element, drive: Drive, faults: Faults) -> bool:
+def _narrow(arm_joint: Element, joint: Element, drive: Drive, apart: list[str]) -> bool:
     """Let a joint of the arm keep the limits of one that it drives; tell whether they change.
 
     A joint that turns without end has a first turn if it drives others: they may not be where they
-    were a turn before.
+    were a turn before. Of one that cannot keep its limits, as grippers are published, `apart` gets
+    the name: no reader of URDFs keeps limits of mimics.
     """
     kept, own = _limit(arm_joint), _limit(joint)
     told = dict(kept.items())
@@ -284,10 +288,10 @@ def _narrow(arm_joint: Element, joint: Element, drive: Drive, faults: Faults) ->
         lower = max(ends[0], float(kept.get("lower", "")))
         upper = min(ends[1], float(kept.get("upper", "")))
         if lower >= upper:
-            allowed = f"{arm_joint.get('name')}, which it mimics, cannot keep both their limits"
-            faults.add("joint", joint.get("name", ""), "limit", "out of reach", allowed)
-        kept.set("lower", repr(lower))
-        kept.set("upper", repr(upper))
+            apart.append(_name(joint))
+        else:
+            kept.set("lower", repr(lower))
+            kept.set("upper", repr(upper))
     rate = min(float(own.get("velocity", "")) / abs(drive.multiplier), float(told["velocity"]))
     kept.set("velocity", repr(rate))
     return any(float(kept.get(key, "")) != float(text) for key, text in told.items())
