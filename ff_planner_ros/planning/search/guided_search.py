@@ -201,19 +201,22 @@ def plan_along(
 ) -> Plan | None:
     """Return the best plan along a problem's path by an objective that weighs the attitude.
 
-    None: no guess leads to a plan.
+    None: no guess leads to a plan, or there is no path or no such weight.
 
     Raises:
         OutOfTime: By the watch.
     """
     asked = problem.objective
+    if problem.path is None or asked.chaser_attitude == 0.0:
+        return None
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     program = path_program(problem, family, settings)
     least = _TIE_BREAK * asked.chaser_attitude
     weights = replace(asked, joint_path_length=max(asked.joint_path_length, least))
     solver = GridSolver(replace(program, objective=weights), settings, watch)
     count, rounds = _GUESSES[settings.search]
-    given = [] if first_guess is None else [first_guess]
+    fits = first_guess is not None and len(first_guess) == family.variables
+    given = [first_guess] if first_guess is not None and fits else []
     guesses = chain(given, solver.initial_guesses())
     plans = [
         plan for guess in islice(guesses, count) for plan in _plans_from(solver, guess, _NORMS)

@@ -177,10 +177,8 @@ def _plan_in_time(
     too_many = problem.posture is None and met < sum(conditions.values())
     if too_many:  # a goal that the arm happens to be able to meet is found soon
         settings = replace(settings, starts=min(settings.starts, _STARTS_OF_A_POOR_ARM))
-    if problem.path is not None and problem.objective.chaser_attitude > 0.0:
-        along = plan_along(problem, settings, groups[-1][0], watch, first_guess)
-        if along is not None:
-            return along
+    if (along := plan_along(problem, settings, groups[-1][0], watch, first_guess)) is not None:
+        return along
     refusals: list[NoPlanFound] = []
     for ways in groups:
         fits = first_guess is not None and len(first_guess) == ways[0].variables
