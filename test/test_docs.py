@@ -19,8 +19,10 @@ from shown_results import near
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands.parser import command_parser
+from ff_planner_ros.common.declared import declared
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.problem.problem import ChaserGoal
 from ff_planner_ros.planning.scenario.scenario import load_task, scenario_schema
 
 BENCHMARK = DOCS / "explanation" / "benchmark.md"
@@ -190,7 +192,8 @@ def scenario(tmp_path: Path) -> Any:
         if place[-2:] == ("obstacles", 0):  # a sphere or a body
             return keys_with("no_such_key", *place) | keys_with("shape", *place)
         if place == ("target",):  # of the end effector or of the joints
-            return keys_with("no_such_key", *place) | keys_with("at_rest", *place)
+            of_chaser = {key.partition(".")[2] for key in declared(ChaserGoal)}
+            return keys_with("no_such_key", *place) | keys_with("at_rest", *place) | of_chaser
         return keys_with("no_such_key", *place)
 
     def keys_with(key: str, *place: Any) -> set[str]:

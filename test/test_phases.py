@@ -34,6 +34,7 @@ from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.objective import Objective
 from ff_planner_ros.planning.problem.problem import (
     Approach,
+    ChaserGoal,
     DurationRange,
     Limits,
     Obstacle,
@@ -509,6 +510,7 @@ def test_a_request_has_for_a_phase_what_a_scenario_has(task: PlanningTask) -> No
 OTHERWISE: dict[str, Any] = {
     "duration": DurationRange(1.5, 2.5),
     "target": Posture(0.1 * np.arange(7.0), 0.01 * np.arange(7.0)),
+    "chaser_goal": ChaserGoal(rotation=0.25),
     "objective": Objective(0.5, 0.25, 0.125),
     "limits": Limits(True, 0.5, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7), True, 0.6, 2.0, 3.0, 4.0),
     "points": 31,

@@ -140,7 +140,15 @@ _OF_EITHER = {
 
 
 def _keys(schema: Any, block: str = "") -> Iterator[tuple[str, Any, bool]]:
-    """Yield every key of a scenario with its schema, and whether its block must have it."""
+    """Yield every key of a scenario once, its schema, and whether its block must have it."""
+    told = set[str]()  # of one of several kinds
+    for key, inner, required in _keys_of_all_kinds(schema, block):
+        if key not in told:
+            yield key, inner, required
+        told.add(key)
+
+
+def _keys_of_all_kinds(schema: Any, block: str) -> Iterator[tuple[str, Any, bool]]:
     for name, inner in schema["properties"].items():
         yield f"{block}{name}", inner, name in schema.get("required", ())
         for option in (inner, *inner.get("anyOf", ())):
@@ -149,12 +157,8 @@ def _keys(schema: Any, block: str = "") -> Iterator[tuple[str, Any, bool]]:
                 yield from _keys(option, f"{block}{name}.")
             elif "properties" in option.get("items", {}) and name != PHASES_KEY:
                 yield from _keys(option["items"], f"{block}{name}[].")
-        told = set[str]()  # of entries of one of several kinds
         for option in inner.get("items", {}).get("anyOf", ()):
-            for key, entry, required in _keys(option, f"{block}{name}[]."):
-                if key not in told:
-                    yield key, entry, required
-                told.add(key)
+            yield from _keys(option, f"{block}{name}[].")
 
 
 def _choices(schema: Any) -> str:
