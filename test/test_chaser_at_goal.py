@@ -25,6 +25,7 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.paths.chaser_loops import curvature
 from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
 from ff_planner_ros.planning.problem.problem import (
@@ -143,6 +144,23 @@ def test_a_loop_turns_the_base_by_the_curvature_to_second_order() -> None:
         q = family.motion(held + x.ravel(), 401).q
         turn = (Rotation.from_quat(q[0, 3:7]).inv() * Rotation.from_quat(q[-1, 3:7])).as_rotvec()
         np.testing.assert_allclose(turn / (size**2 * area), found[i, j], atol=2e-2)
+
+
+@pytest.mark.parametrize("turn", [[2.0, 0.0, 0.0], [0.0, -2.0, 0.0], [0.5, 0.5, 4.0]])
+def test_the_first_guess_of_an_arm_at_rest_leads_the_chaser_most_of_the_way(
+    turn: list[float],
+) -> None:
+    """Without a loop the arm would stay where it is, and no small change would turn the chaser."""
+    wanted = Rotation.from_rotvec(np.deg2rad(turn))
+    problem = in_own_frame(at_rest(scenario("lemur_capture")))
+    goal = ChaserGoal(quaternion_xyzw=wanted.as_quat())
+    family = splines(replace(problem, chaser_goal=goal))
+    guess = next(iter(family.first_guesses((), 13, 0.0)))
+    q = family.motion(guess, 101).q
+    np.testing.assert_allclose(q[-1, 7:], q[0, 7:], atol=1e-9)
+    to_chaser = Rotation.from_matrix(problem.robot.rotation_chaser_to_base)
+    off = wanted.inv() * Rotation.from_quat(q[-1, 3:7]) * to_chaser
+    assert off.magnitude() < 0.5 * wanted.magnitude()
 
 
 BESIDE: dict[str, PlanningProblem] = {
