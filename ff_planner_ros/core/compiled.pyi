@@ -412,7 +412,9 @@ def attitude_within(
 ) -> PathRequirement:
     """Return what makes the rows of `ChaserAttitude` [rad]."""
 
-def chaser_at_goal(rotation: Array, limit: float, knee: float) -> PathRequirement: ...
+def chaser_at_goal(rotation: Array, limit: float, knee: float) -> PathRequirement:
+    """Return what makes the rows of `ChaserAtGoal`; rotation: of the base's axes, wanted [rad]."""
+
 def rotation_within(limit: float, knee: float, interest: float) -> PathRequirement:
     """Return what makes the rows of `ChaserRotation`; knee: of Huber's function [rad]."""
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # Steps of the differences that the curvature is taken from [rad, m].
 _STEP = 1e-4
-# Directions of which the best are tried, and how many loops are yielded for one path.
+# Directions of which the best are tried, and how many loops come before the first guess.
 _DIRECTIONS, _LOOPS = 128, 12
 # Rounds in which a loop's size is corrected by the turn that it makes, and its factor in each.
 _ROUNDS, _MOST = 4, 2.0
@@ -46,9 +46,9 @@ _ROOM = 1.0
 
 
 def with_loops(family: JointSplines, guesses: Iterator[Array]) -> Iterator[Array]:
-    """Yield guesses, before each the smallest loops on top of it that lead the chaser to its goal.
+    """Yield guesses, before each the smallest loop on top of it that leads the chaser to its goal.
 
-    As many loops come first as there are kinds of them, then one for each further guess.
+    Before the first guess come several.
     """
     for number, guess in enumerate(guesses):
         for loop in islice(_loops(family, guess, number), _LOOPS if number == 0 else 1):
@@ -69,9 +69,8 @@ def _loops(family: JointSplines, guess: Array, number: int) -> Iterator[Array]:
     curved = np.einsum("ijk,i,j->ijk", curvature(robot, middle), scale, scale)
     first, second, area = _shapes(family)
     found = list[tuple[float, Array, Array]]()
-    for direction in islice(even_normals(robot.joints), _DIRECTIONS * number, None):
-        if len(found) == _DIRECTIONS:
-            break
+    begin = _DIRECTIONS * number
+    for direction in islice(even_normals(robot.joints), begin, begin + _DIRECTIONS):
         u = direction / np.linalg.norm(direction)
         v, *_ = np.linalg.lstsq(area * np.einsum("ijk,i->kj", curved, u), wanted, rcond=1e-6)
         size = float(np.linalg.norm(v))
@@ -118,12 +117,12 @@ def _shapes(family: JointSplines) -> tuple[Array, Array, float]:
 
 def curvature(robot: Robot, joints: Array) -> Array:
     """Return F_ij at joint positions, by differences. Shape (joints, joints, 3)."""
-    count, steps = robot.joints, _STEP * np.eye(robot.joints)
+    steps = _STEP * np.eye(robot.joints)
     by = np.array([_turning(robot, joints + s) - _turning(robot, joints - s) for s in steps])
     by /= 2.0 * _STEP
     here = _turning(robot, joints)
     found: Array = by - by.swapaxes(0, 1) + np.cross(here[:, None], here[None])
-    return found.reshape(count, count, 3)
+    return found
 
 
 def _turning(robot: Robot, joints: Array) -> Array:
