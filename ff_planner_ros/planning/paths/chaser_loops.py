@@ -78,9 +78,9 @@ def _loops(family: JointSplines, guess: Array, number: int) -> Iterator[Array]:
     for size, u, v in sorted(found, key=lambda one: one[0]):
         of_both = np.sqrt(max(size, 1e-12))
         along, across = of_both * scale * u, scale * v / of_both
-        for sign in (1.0, -1.0):
-            loop = np.outer(along, first) + sign * np.outer(across, second)
-            yield _sized(family, guess, (sign * loop).ravel(), wanted)
+        loop = (np.outer(along, first) + np.outer(across, second)).ravel()
+        yield _sized(family, guess, loop, wanted)
+        yield _sized(family, guess, -loop, wanted)
 
 
 def _sized(family: JointSplines, guess: Array, loop: Array, wanted: Array) -> Array:
