@@ -7,8 +7,9 @@ import pinocchio as pin
 import pytest
 
 from ff_planner_benchmark.gallery import recomputed
+from ff_planner_benchmark.gallery.compared import Compared
 from ff_planner_benchmark.gallery.motions import by_law, by_torques, driven, ee_pose, quintic
-from ff_planner_benchmark.gallery.recomputed import COMPARISONS, Compared, as_printed, model
+from ff_planner_benchmark.gallery.recomputed import COMPARISONS, as_printed, model
 from ff_planner_ros.robot.model import Base
 
 MODELS = sorted(recomputed.HERE.glob("models/*.urdf"))

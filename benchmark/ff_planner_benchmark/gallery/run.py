@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_benchmark.bench.report import machine
+from ff_planner_benchmark.gallery.compared import Compared
 from ff_planner_benchmark.gallery.least_turn import least_last_turns
 from ff_planner_benchmark.gallery.page import page
 from ff_planner_benchmark.gallery.plans import TASKS, drawn_goals, planned, reaches
 from ff_planner_benchmark.gallery.problems import PROBLEMS
-from ff_planner_benchmark.gallery.recomputed import COMPARISONS, Compared
+from ff_planner_benchmark.gallery.recomputed import COMPARISONS
 from ff_planner_ros.analysis.json_file import json_text, read_json
 from ff_planner_ros.common.process_environment import PLANNING
 from ff_planner_ros.parameters import load_parameters
