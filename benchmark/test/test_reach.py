@@ -14,9 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_benchmark.cli import main
 from ff_planner_benchmark.gallery import reach
+from ff_planner_benchmark.gallery.page import page
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 
+DOCS = Path(__file__).parents[2] / "docs"
 START = (1.59, -0.3, 0.07, -1.52, 0.07, 1.42, -2.41)
 LENGTHS = (0.12, 0.225, 0.225, 0.20, 0.20, 0.06, 0.06)
 
@@ -109,3 +111,11 @@ def test_what_a_file_of_figures_has_stays(tmp_path: Path, monkeypatch: pytest.Mo
     assert {tuple(row) for row in rows.tolist()} == {
         tuple(row) for row in reach.directions().tolist()
     }
+
+
+def test_the_page_has_the_map_below_the_other_plans_of_its_problem() -> None:
+    row = {"direction": [1.0, 0.0, 0.0], "reach_cm": [10, 20, 30], "plans": 9, "seconds": 4.0}
+    published = json.loads((DOCS / "published.json").read_text(encoding="utf-8"))
+    text = page(published | {"reach": {"rows": [row]}})
+    heading = "\n### How far the arm reaches while the chaser turns by little\n"
+    assert text.index("\n## P5. ") < text.index(heading) < text.index("\n## P6. ")

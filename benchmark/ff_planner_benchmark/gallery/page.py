@@ -11,6 +11,7 @@ import numpy as np
 
 from ff_planner_benchmark.gallery.plans import SOLVED
 from ff_planner_benchmark.gallery.problems import PROBLEMS, Problem
+from ff_planner_benchmark.gallery.reach import summary
 
 _MODELS = "../../benchmark/ff_planner_benchmark/gallery/models"
 
@@ -32,6 +33,8 @@ def page(figures: dict[str, Any]) -> str:
     for name, problem in PROBLEMS.items():
         if name in figures["problems"]:
             lines += [*_section(name, problem, figures["problems"][name]), ""]
+        if name == "P5" and "reach" in figures:
+            lines += [*summary(figures["reach"]), ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
