@@ -26,7 +26,7 @@ from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
 from ff_planner_ros.robot.urdf.urdf_bodies import nearest_possible
-from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_faults import InertiaChoice
 from ff_planner_ros.simulation.engine import Engine
 
 LEMUR = LEMUR_URDF.read_text()

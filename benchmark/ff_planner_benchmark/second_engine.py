@@ -20,7 +20,8 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import angular_momenta
 from ff_planner_ros.robot.urdf.payload import payload_frame
-from ff_planner_ros.robot.urdf.urdf_xml import INERTIA, InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_faults import InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_xml import INERTIA
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
 try:  # others have Drake from here: what its absence means is told once

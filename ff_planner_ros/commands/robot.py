@@ -100,7 +100,7 @@ def show_robot(options: Namespace) -> int:
 def _robot_of(options: Namespace) -> Robot:
     from ff_planner_ros.parameters.robot import locked_joints_of, xacro_arguments_of
     from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
-    from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
+    from ff_planner_ros.robot.urdf.urdf_faults import InertiaChoice
 
     arguments = xacro_arguments_of(options.xacro_arguments)
     return robot_from_urdf_text(

@@ -19,7 +19,7 @@ from ff_planner_ros.planning.problem.limits import OF_ONE_NUMBER, Limits
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import SLIDE_WEIGHTS, Base, Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.locked_joints import MEASURED, NOTHING_HELD
-from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_faults import InertiaChoice
 from ff_planner_ros.robot.wheels import Wheels
 
 # Of robot.geometry: shapes if the arm has any, else lines.

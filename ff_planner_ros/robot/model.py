@@ -32,8 +32,9 @@ from ff_planner_ros.robot.tree import Tree, pinocchio_models, tree_of
 from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD, LockedJoint, with_locked
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NO_VELOCITY_LIMIT, checked_urdf
+from ff_planner_ros.robot.urdf.urdf_faults import InertiaChoice
 from ff_planner_ros.robot.urdf.urdf_tree import as_revolute
-from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS
 from ff_planner_ros.robot.wheels import Wheels
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from ff_planner_ros.common.shown import shown
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.urdf.locked_joints import mimics
-from ff_planner_ros.robot.urdf.urdf_xml import INERTIA, InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_faults import InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_xml import INERTIA
 
 try:
     import mujoco as mujoco  # others have it from here: what its absence means is told once

@@ -73,14 +73,13 @@ def spans_along(problem: PlanningProblem, settings: PlannerSettings) -> tuple[in
     if path.turns:
         allowed = min(allowed, path.orientation_tolerance)
     given, usual = problem.start, settings.joint_spline_spans
+    accelerations, fixed = given.joint_accelerations, FIXED
+    if accelerations is None:
+        accelerations, fixed = np.zeros(robot.joints), FIXED - 1
     for spans in (usual, *(more for more in _SPANS if more > usual)):
         basis = SplineBasis(problem.duration, spans)
-        rows, fixed = basis.on_grid(len(joints)), FIXED - (given.joint_accelerations is None)
-        first = basis.start(
-            given.joint_positions,
-            given.joint_velocities,
-            np.zeros(robot.joints) if fixed < FIXED else given.joint_accelerations,
-        )[:fixed]
+        rows = basis.on_grid(len(joints))
+        first = basis.start(given.joint_positions, given.joint_velocities, accelerations)[:fixed]
         behind, *_ = np.linalg.lstsq(rows[:, fixed:], joints - rows[:, :fixed] @ first)
         controls = np.concatenate([first, behind])
         if np.sqrt(((rows @ controls - joints) ** 2).mean()) <= _MISSED * allowed:

@@ -24,7 +24,7 @@ from ff_planner_ros.robot.collision.urdf_body import LOCKED_JOINTS, urdf_body
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.robot.urdf.locked_joints import NOTHING_HELD
-from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_faults import InertiaChoice
 
 _KEY = "urdf"
 _WITHOUT = part(TargetBody)

@@ -25,7 +25,7 @@ from ff_planner_ros.robot.model import (
 )
 from ff_planner_ros.robot.urdf.locked_joints import MEASURED, measurable
 from ff_planner_ros.robot.urdf.payload import Payload, with_payload
-from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
+from ff_planner_ros.robot.urdf.urdf_faults import InertiaChoice
 
 
 def _xacro_arguments(field: str, value: object) -> dict[str, str]:

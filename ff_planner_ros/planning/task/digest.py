@@ -73,7 +73,7 @@ def _parts_of_robot(robot: Robot) -> list[Any]:
 
 def _is_absent(value: Any, name: str) -> bool:
     """Tell whether a field follows from others, or no plan depends on it."""
-    if name == "chaser_goal" and np.isinf(value.chaser_goal.most):
+    if name == "notes" or (name == "chaser_goal" and np.isinf(value.chaser_goal.most)):
         return True
     match value:
         case Obstacle():
@@ -88,7 +88,7 @@ def _is_absent(value: Any, name: str) -> bool:
                 return value.path is None
             return name == "contact_distance" and not value.allowed_collisions
         case TargetBody():
-            return name in ("mass", "notes")  # a task that depends on the mass adds it
+            return name == "mass"  # a task that depends on the mass adds it
         case PlannerSettings():
             return name == "threads" or (name == "robust" and not value.robust.sigmas)
     return False

@@ -30,10 +30,9 @@ from ff_planner_ros.robot.urdf.urdf_bodies import (
     placement,
     too_wide,
 )
-from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, listed
+from ff_planner_ros.robot.urdf.urdf_faults import LONGEST_NOTE, Faults, InertiaChoice, listed
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, tree_of
 from ff_planner_ros.robot.urdf.urdf_xml import (
-    InertiaChoice,
     inertia_choice,
     read_elements,
     read_shapes,

@@ -28,13 +28,13 @@ from ff_planner_ros.robot.urdf.urdf_faults import (
     LARGEST,
     LONGEST_NOTE,
     Faults,
+    InertiaChoice,
     listed,
     shortened,
 )
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, not_counted, one_of, tree_of
 from ff_planner_ros.robot.urdf.urdf_xml import (
     LOCKED,
-    InertiaChoice,
     inertia_choice,
     read_elements,
 )

@@ -12,9 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.urdf.urdf_faults import Faults
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, InertiaChoice
 from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of
-from ff_planner_ros.robot.urdf.urdf_xml import InertiaChoice
 
 # Inertias are written with few digits: for a thin rod, where the triangle inequality holds
 # with equality, rounding must not count as a fault.

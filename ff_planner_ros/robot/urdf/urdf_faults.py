@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import itertools
 import math
 from collections.abc import Iterable
@@ -19,6 +20,14 @@ _LONGEST_LIST = 400  # characters of a list of names in a fault
 LONGEST_NOTE = 4000  # characters of a list in a note: a humanoid's locked joints
 _LONGEST_WORD = 200  # characters of one value; longer names are refused
 _LONGEST_NUMBERS = 1000  # characters that three numbers may take
+
+
+class InertiaChoice(enum.StrEnum):
+    """What happens to an inertia that no body has."""
+
+    POSSIBLE = "possible"  # it is refused
+    AS_GIVEN = "as_given"  # it counts as written: a body that moves needs positive moments alone
+    NEAREST = "nearest_possible"  # the nearest one that a body has counts instead
 
 
 class Fault(NamedTuple):

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import enum
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.urdf.sdf import robot_of
 from ff_planner_ros.robot.urdf.sdf_model import SDF
-from ff_planner_ros.robot.urdf.urdf_faults import Faults, finite_numbers, listed, shortened
+from ff_planner_ros.robot.urdf.urdf_faults import (
+    Faults,
+    InertiaChoice,
+    finite_numbers,
+    listed,
+    shortened,
+)
 from ff_planner_ros.robot.urdf.xml_reader import MAX_CHARACTERS as MAX_CHARACTERS
 from ff_planner_ros.robot.urdf.xml_reader import Format, Tag, read_xml
 
@@ -157,14 +162,6 @@ SRDF = Format(
     f"{_MOST_DISABLED} {DISABLE}",
     known=_KNOWN,
 )
-
-
-class InertiaChoice(enum.StrEnum):
-    """What happens to an inertia that no body has."""
-
-    POSSIBLE = "possible"  # it is refused
-    AS_GIVEN = "as_given"  # it counts as written: a body that moves needs positive moments alone
-    NEAREST = "nearest_possible"  # the nearest one that a body has counts instead
 
 
 def inertia_choice(robot: Element, given: InertiaChoice, faults: Faults) -> InertiaChoice:
