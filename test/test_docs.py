@@ -191,9 +191,10 @@ def scenario(tmp_path: Path) -> Any:
     def allowed(*place: Any) -> set[str]:
         if place[-2:] == ("obstacles", 0):  # a sphere or a body
             return keys_with("no_such_key", *place) | keys_with("shape", *place)
-        if place == ("target",):  # of the end effector or of the joints
+        if place == ("target",):  # of the end effector, of its path or of the joints
             of_chaser = {key.partition(".")[2] for key in declared(ChaserGoal)}
-            return keys_with("no_such_key", *place) | keys_with("at_rest", *place) | of_chaser
+            every = (keys_with(key, *place) for key in ("no_such_key", "path", "at_rest"))
+            return of_chaser.union(*every)
         return keys_with("no_such_key", *place)
 
     def keys_with(key: str, *place: Any) -> set[str]:
@@ -207,6 +208,8 @@ def scenario(tmp_path: Path) -> Any:
             changed["duration"] = {"min": 9.0, "max": 10.0}
         if place[:2] == ("target", "joints"):
             changed["target"] = {}
+        if place[:2] == ("target", "path"):
+            changed["target"] = {"path": [{}]}
         block = changed
         for name in place:
             block = block[name] if isinstance(name, int) else block.setdefault(name, {})

@@ -6,8 +6,6 @@ from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from ff_planner_ros.robot.collision.primitives import PRIMITIVES
-from ff_planner_ros.robot.urdf.sdf import robot_of
-from ff_planner_ros.robot.urdf.sdf_model import SDF
 from ff_planner_ros.robot.urdf.urdf_faults import (
     Faults,
     InertiaChoice,
@@ -16,7 +14,7 @@ from ff_planner_ros.robot.urdf.urdf_faults import (
     shortened,
 )
 from ff_planner_ros.robot.urdf.xml_reader import MAX_CHARACTERS as MAX_CHARACTERS
-from ff_planner_ros.robot.urdf.xml_reader import Format, Tag, read_xml
+from ff_planner_ros.robot.urdf.xml_reader import Format, Formats, Tag, read_xml
 
 SRDF_FIELD = "robot.srdf"
 
@@ -232,12 +230,24 @@ def read_collisions(text: str, field: str, faults: Faults) -> Element:
 def _read(
     text: str, form: Format, faults: Faults, in_parts: bool = False, told_in: str = ""
 ) -> Element:
-    formats = {form.root: form} if form.field == SRDF_FIELD else {form.root: form, SDF.root: SDF}
-    read = read_xml(text, formats, faults, in_parts, told_in)
-    robot = robot_of(read, faults) if read.tag == SDF.root else read
+    robot = read_xml(text, _formats(text, form), faults, in_parts, told_in)
+    if robot.tag != form.root:
+        from ff_planner_ros.robot.urdf.sdf import robot_of
+
+        robot = robot_of(robot, faults)
     for owner, tag in (("link", "collision"), ("joint", "dynamics")) if in_parts else ():
         for element in robot.iterfind(f"{owner}[{tag}]"):  # of an SDF
             for part in element.findall(tag):
                 element.remove(part)
     robot.set("name", robot.get("name") or "robot")
     return robot
+
+
+def _formats(text: str, form: Format) -> Formats:
+    """Return the formats that a text may have."""
+    if form.field == SRDF_FIELD or "<sdf" not in text:
+        return {form.root: form}
+    # With Pinocchio, which takes long to load: readers of recorded URDFs do without.
+    from ff_planner_ros.robot.urdf.sdf_model import SDF
+
+    return {form.root: form, SDF.root: SDF}
