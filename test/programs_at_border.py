@@ -89,11 +89,12 @@ def programs(
     rates = within | {"limits": np.full(joints, 3.0)}
     limited = [compiled.positions_within(**positions), compiled.rates_within(**rates)]
     program = compiled.PathProgram(paths, STEP, objective, list(enumerate(limited)))
+    times = 2 * POINTS - 2
     grasp = {
-        "positions": rng.normal(size=(2 * POINTS - 2, 3)),
-        "rotations": np.tile(np.eye(3), (2 * POINTS - 2, 1, 1)),
+        "positions": rng.normal(size=(times, 3)),
+        "rotations": np.tile(np.eye(3), (times, 1, 1)),
         "counts": np.ones(3),
-        "twists": rng.normal(size=(2 * POINTS - 2, 6)),
+        "twists": rng.normal(size=(times, 6)),
         "moves_with_goal": True,
     }
     cone = {"half_angle": 0.3, "margin": 0.01, "interest": 30.0}
@@ -163,6 +164,15 @@ def programs(
         "rotation_within": (
             required(compiled.rotation_within),
             {"limit": 0.3, "knee": 0.15, "interest": 3.0},
+        ),
+        "chaser_at_goal": (
+            required(compiled.chaser_at_goal),
+            {"rotation": np.eye(3), "limit": 0.3, "knee": 0.15},
+        ),
+        "follows_path": (
+            required(compiled.follows_path),
+            {"positions": grasp["positions"], "rotations": np.tile(np.eye(3), (times, 1))}
+            | {"counts": [0, 1, 2, 3, 4, 5], "position": 0.1, "orientation": 0.2},
         ),
         "GraspSeen": (looked_at_from, grasp),
         "in_corridor": (required(partial(compiled.in_corridor, seen)), corridor),
