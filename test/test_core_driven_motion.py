@@ -79,7 +79,8 @@ def drawn_splines(name: str, still: bool, orientation: Orientation) -> tuple[Joi
     rng = np.random.default_rng(100 + robot.joints)
     start, target = drawn_start(robot, rng, still), drawn_target(robot, orientation, rng)
     # What splines read of a problem: a planner refuses goals that ask too much of a short arm.
-    read = SimpleNamespace(robot=robot, start=start, target=target, posture=None, duration=DURATION)
+    asked = {"target": target, "posture": None, "path": None}
+    read = SimpleNamespace(robot=robot, start=start, duration=DURATION, **asked)
     family = joint_splines(cast(PlanningProblem, read), SETTINGS)
     hold = np.repeat(family.fixed[-1], family.variables // robot.joints)
     return family, hold + rng.normal(scale=0.4, size=family.variables)

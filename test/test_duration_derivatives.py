@@ -135,7 +135,8 @@ def test_motions_of_the_papers_paths_by_their_duration(name: str) -> None:
     x, damping = rng.normal(scale=0.05, size=18), 0.3
 
     def lasting(duration: float, goal: GoalMotion | None = None) -> EndEffectorPaths:
-        problem = SimpleNamespace(duration=duration, target=body.target(duration), approach=None)
+        target = body.target(duration)
+        problem = SimpleNamespace(duration=duration, target=target, approach=None, path=None)
         return family.lasting(cast(PlanningProblem, problem), goal)
 
     free = lasting(DURATION, body_goal(body))
