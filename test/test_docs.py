@@ -204,12 +204,13 @@ def scenario(tmp_path: Path) -> Any:
             changed["target_body"] = json.loads(json.dumps(body))
         if place[:2] == ("robot", "payload"):
             changed["robot"]["payload"] = json.loads(json.dumps(held))
-        if place[:1] == ("duration",):
-            changed["duration"] = {"min": 9.0, "max": 10.0}
-        if place[:2] == ("target", "joints"):
-            changed["target"] = {}
-        if place[:2] == ("target", "path"):
-            changed["target"] = {"path": [{}]}
+        for around, block in (
+            (("duration",), {"min": 9.0, "max": 10.0}),
+            (("target", "joints"), {}),
+            (("target", "path"), {"path": [{}]}),
+        ):
+            if place[: len(around)] == around:
+                changed[around[0]] = block
         block = changed
         for name in place:
             block = block[name] if isinstance(name, int) else block.setdefault(name, {})
