@@ -145,7 +145,7 @@ def test_a_bag_holds_corridor_and_limits_and_gives_the_plan_again(
     recorded = only_request(bag)
     assert recorded.planned_task().digest == task.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
-    ((*_, scene, _, _),) = motions_in(bag)
+    ((*_, scene, _, _, _),) = motions_in(bag)
     assert scene is not None
     assert scene.approach is not None
     assert scene.approach.distance == 0.2

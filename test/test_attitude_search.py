@@ -195,15 +195,15 @@ def test_where_the_chaser_may_only_turn_so_far_both_families_compete(
 ):
     """The paper's paths alone take 5.3, 2.1, 1.4 and 1.13 rad; the last is no detour."""
     limits = replace(lemur_capture.limits, chaser_attitude=np.deg2rad(limit_deg))
-    problem = replace(lemur_capture, objective=LENGTH, limits=limits)
+    problem = in_own_frame(replace(lemur_capture, objective=LENGTH, limits=limits))
     made = plan(problem, SETTINGS)
     assert made.metrics.joint_path_length < length
     assert not list(failures(problem, made, SETTINGS))
 
 
-@pytest.mark.parametrize(("robot", "number", "length"), [("off7", 3, 1.45), ("arm7", 9, 1.15)])
+@pytest.mark.parametrize(("robot", "number", "length"), [("off7", 7, 1.65), ("arm7", 9, 1.15)])
 def test_where_the_paper_path_is_a_detour_joint_splines_compete(robot, number, length):
-    """The paper's paths take 1.75 and 1.67 rad."""
+    """The paper's paths take 2.33 and 1.68 rad."""
     problem = replace(scenario("cluttered", robot, number, turned=False).problem, objective=LENGTH)
     made = plan(in_own_frame(problem), SETTINGS)
     assert made.family == Parametrisation.JOINT_SPLINE
@@ -257,7 +257,7 @@ def test_a_refusal_begins_with_what_is_hardest_to_meet(lemur_capture):
     with pytest.raises(NoPlanFound) as refused:
         plan(problem, SETTINGS)
     assert refused.value.status is Status.LIMIT_VIOLATED
-    assert "in the best, the chaser's largest Euler angle is" in refused.value.constraint
+    assert "in the best, the chaser has a largest Euler angle of" in refused.value.constraint
     assert "inside obstacle" in refused.value.constraint
     assert refused.value.failures[0].status is Status.LIMIT_VIOLATED
 

@@ -201,7 +201,7 @@ def test_the_camera_sees_the_goal_move_as_its_place_changes(link: str) -> None:
     ("scene", "link", "half_angle", "until"),
     [
         ("resting", "chaser", 0.2, 0.1),
-        ("resting", "end_effector", 0.1, 0.15),
+        ("resting", "end_effector", 0.12, 0.15),
         ("resting", "link_5", 0.2, 0.1),
         ("tumbling", "end_effector", 0.3, 0.2),
         ("planar", "end_effector", 0.3, 0.2),

@@ -82,7 +82,7 @@ def test_a_recorded_plan_is_replayed_to_the_last_bit_and_reported(
     record_answer(tmp_path / "bag", task, plan, 0.1)
     recorded = only_request(tmp_path / "bag")
     assert replay(recorded).verdict is Verdict.IDENTICAL
-    ((*_, scene, _, _),) = motions_in(tmp_path / "bag")
+    ((*_, scene, _, _, _),) = motions_in(tmp_path / "bag")
     assert scene is not None
     assert scene.target is None
     (request,) = report_of_bag(tmp_path / "bag", 5).requests

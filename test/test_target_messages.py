@@ -493,7 +493,7 @@ def test_an_offline_bag_of_a_capture_is_the_same_task_again(
     )
     assert begins - asked_ns == round(ahead * NANOSECONDS)
     # What `verify` makes of the bag is what was planned.
-    ((_, robot, motion, scene, *_),) = motions_in(tmp_path / "bag")
+    ((_, _, robot, motion, scene, *_),) = motions_in(tmp_path / "bag")
     assert scene is not None
     assert scene.target_body is not None
     assert (scene.target_body.position == body_of(problem).position).all()
@@ -542,7 +542,7 @@ def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
     body = body_of(free.problem)
     (center,), (attitude,), _ = moved(body, np.array([made.duration]))
     place = center + attitude.apply(body.grasp_position.copy())
-    ((*_, scene, _, _),) = motions_in(tmp_path / "bag")
+    ((*_, scene, _, _, _),) = motions_in(tmp_path / "bag")
     assert scene is not None
     assert scene.capture_time == made.duration
     (reported,) = report_of_bag(tmp_path / "bag", 1).requests

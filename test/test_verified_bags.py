@@ -39,7 +39,7 @@ def told(task: PlanningTask, answer: PlanAnswer) -> Exchange:
 def test_robot_plan_and_scene_come_back_as_they_were(
     offline_bag: Path, lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
-    ((name, robot, motion, scene, limits, uncertainty),) = motions_in(offline_bag)
+    ((_, name, robot, motion, scene, limits, uncertainty, _),) = motions_in(offline_bag)
     assert name == "offline"
     assert (robot.urdf, robot.tip_link) == (lemur_capture.robot.urdf, "end_effector")
     for item in fields(lemur_plan.trajectory):

@@ -84,7 +84,7 @@ def test_a_recorded_plan_is_replayed_to_the_last_bit_exported_and_verified(
     assert plan.wheels is not None
     np.testing.assert_array_equal(columns["wheel_2_momentum_Nms"], plan.wheels.momenta[:, 1])
     np.testing.assert_array_equal(columns["wheel_3_torque_Nm"], plan.wheels.torques[:, 2])
-    ((_, robot, motion, *_),) = motions_in(tmp_path / "bag")
+    ((_, _, robot, motion, *_),) = motions_in(tmp_path / "bag")
     assert robot.base is Base.ATTITUDE_HELD
     assert robot.wheels is not None
     assert robot.wheels.momentum == (4.0, 4.0, 4.0)
