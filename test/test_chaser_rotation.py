@@ -180,7 +180,7 @@ def test_the_same_task_in_another_frame_keeps_the_same_angle(
     # The check measures since the first point in any frame, too.
     seen = failures(seen_from(limited(asked, 0.1), frame), there, SETTINGS)
     words = [failure.finding for failure in seen if "chaser_rotation" in failure.finding]
-    turned = f"the chaser has rotated by {here.metrics.max_chaser_rotation:.4f} rad"
+    turned = f"the chaser has rotated by {here.metrics.max_chaser_rotation:.5g} rad"
     assert [word.startswith(turned) for word in words] == [True]
 
 

@@ -24,6 +24,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points, clearances, s
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.limits import ChaserGoal
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Obstacle,
@@ -184,7 +185,8 @@ def test_every_key_that_a_message_names_is_one_that_the_user_may_write() -> None
 
     known = {*keys(scenario_schema())}
     heads = "|".join(key for key in known if "." not in key)
-    known |= {*DECLARATIONS, *(str(one.message) for one in declared(PlanningProblem).values())}
+    places = (one for kind in (PlanningProblem, ChaserGoal) for one in declared(kind).values())
+    known |= {*DECLARATIONS, *(str(one.message).removesuffix("[0]") for one in places)}
     named = re.compile(rf"(?<![\w./])(?:{heads})\.[a-z_]+(?:\.[a-z_]+)*")
     root, found = Path(ff_planner_ros.__file__).parent, dict[str, str]()
     for path in (one for room in ("planning", "robot") for one in (root / room).rglob("*.py")):

@@ -331,7 +331,7 @@ CASES = {
         _set("goal.pose.pose.position.x", 10.0),
     ),
     "a goal of a kind that nobody knows": Case(
-        Status.OUT_OF_RANGE, ("goal.kind is 4", "POSE (0), CAPTURE (1)"), _set("goal.kind", 4)
+        Status.OUT_OF_RANGE, ("goal.kind is 5", "POSE (0), CAPTURE (1)"), _set("goal.kind", 5)
     ),
     "an orientation that nobody knows": Case(
         Status.OUT_OF_RANGE, ("goal.orientation is 3",), _set("goal.orientation", 3)

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import Goal, PlanRequest
+from ff_planner_msgs.msg import Phase as PhaseMessage
 from published_paths import p2c, p5
 from recorded_requests import only_request
 
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
-from ff_planner_ros.planning.task.phase import Phase
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.ros.messages.from_messages import problem_from_request
 from ff_planner_ros.ros.messages.phases import phases_in
@@ -100,19 +100,11 @@ def test_a_path_that_cannot_be_followed_is_refused_by_the_field_of_the_request()
     refused(r"^goal\.orientation is 2")
 
 
-def test_a_path_comes_back_out_of_a_phase() -> None:
+def test_a_path_in_a_later_phase_is_refused() -> None:
     problem = p2c()
-    still = {f"{kind}_acceleration": np.zeros(3) for kind in ("linear", "angular")}
-    first = replace(problem, path=None, target=replace(problem.target, **still))
-    then = (Phase(duration=problem.duration, target=problem.path),)
-    task = PlanningTask(first, PARAMETERS.planner, then=then)
-    request = request_of_task(task, FRAME)
-    assert request.then[0].goal.kind == Goal.FOLLOW
-    (phase,) = phases_in(request, problem.robot, PARAMETERS, None)
-    assert phase.duration == problem.duration
-    np.testing.assert_array_equal(phase.target.positions, problem.path.positions)
-    request.then[0].goal.path[0].poses[1].header.stamp.sec = 99
-    with pytest.raises(InvalidInput, match=r"^then\[0\]\.goal\.path\.poses\[2\]\.header\.stamp"):
+    request = request_of_task(PlanningTask(problem, PARAMETERS.planner), FRAME)
+    request.then = [PhaseMessage(goal=request.goal, limits=request.limits)]
+    with pytest.raises(InvalidInput, match=r"^then\[0\]\.goal\.path\S* is given: a path is foll"):
         phases_in(request, problem.robot, PARAMETERS, None)
 
 

@@ -367,7 +367,7 @@ def test_the_same_plan_is_made_in_any_inertial_frame() -> None:
     )
 
 
-def test_a_path_follows_a_goal_as_a_phase_and_begins_where_that_ends(tmp_path: Path) -> None:
+def test_a_path_in_a_later_phase_is_refused(tmp_path: Path) -> None:
     posed = load_scenario(LEMUR_SCENARIO)
     pose, _ = end_effector(posed.robot, posed.start)
     place, turn = pose.translation, pin.Quaternion(pose.rotation).coeffs().tolist()
@@ -393,13 +393,8 @@ def test_a_path_follows_a_goal_as_a_phase_and_begins_where_that_ends(tmp_path: P
     }
     file = tmp_path / "phases.yaml"
     file.write_text(yaml.safe_dump(document), encoding="utf-8")
-    plan = perform(load_task(file, Defaults(SETTINGS)))
-    following = plan.then[0]
-    assert following.duration == 8.0
-    assert following.metrics.max_path_position_error <= 0.003
-    np.testing.assert_allclose(
-        following.trajectory.ee_positions[-1], points[-1]["position"], atol=3e-3
-    )
+    with pytest.raises(InvalidInput, match=r"^phases\[1\]\.target\.path is given: a path is fol"):
+        load_task(file, Defaults(SETTINGS))
 
 
 def test_too_narrow_a_path_for_the_arm_is_refused_with_what_may_help() -> None:

@@ -381,7 +381,7 @@ def test_an_acceleration_of_zero_is_none_and_does_not_stand_for_the_parameter(
 @pytest.mark.parametrize(
     ("kind", "status"),
     [
-        *((4, Status.OUT_OF_RANGE), (255, Status.OUT_OF_RANGE)),
+        *((5, Status.OUT_OF_RANGE), (255, Status.OUT_OF_RANGE)),
     ],
 )
 def test_a_kind_of_goal_that_is_none_is_refused(

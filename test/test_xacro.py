@@ -40,6 +40,13 @@ sys.stdout.write(text.replace({ARGUMENT!r}, "").replace("$(arg side)", given.get
 REAL = shutil.which("xacro")
 
 
+@pytest.fixture(autouse=True)
+def no_coverage(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no measurement of coverage write where nothing may be written."""
+    for name in ("COVERAGE_PROCESS_START", "COVERAGE_PROCESS_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+
+
 @pytest.fixture(params=["stand-in", "real"])
 def command(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -17,6 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ff_planner_ros.common.arrays import Array, Indices, frozen
+from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.robot.urdf.locked_joints import Drive
 
 # Before all names of joints in their order.
@@ -37,6 +38,9 @@ class Tree:
     axes: Array
     slides: Array
     tip: int  # the body that the end effector is on
+
+    FACTS = ("joints", "tip")
+    __repr__ = in_a_line
 
     @property
     def joints(self) -> int:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.simulation.execution import Execution
+
+if TYPE_CHECKING:
+    from ff_planner_ros.simulation.execution import Execution
 
 # The final errors that the planner's check allows: physics may not add more. Errors of
 # interpolation and integration are less than a tenth of this.

@@ -99,6 +99,9 @@ class Phase:
             found = "missing" if self.target is None else "given beside target_body"
             allowed = "either it or target_body must be given"
             raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
+        if isinstance(self.target, PathToFollow):
+            allowed = "a path is followed in the first phase alone"
+            raise InvalidInput(Status.UNSUPPORTED, "target.path", "given", allowed)
 
     @property
     def longest_duration(self) -> float:

@@ -80,6 +80,7 @@ class Solid:
             allowed = f"it must be from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m"
             raise InvalidInput(Status.OUT_OF_RANGE, told, sizes.tolist(), allowed)
         _GROWN.checked("shape.grown", self.grown)
+        an_object("shape.notes", self.notes, tuple)
         corners = finite_rows("shape.mesh", self.corners, 3)
         if self.kind == SPHERE and self.grown:
             sizes = frozen(sizes + self.grown)

@@ -21,7 +21,6 @@ from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.posture import Posture
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
-    PathToFollow,
     Target,
     TargetBody,
 )
@@ -37,7 +36,7 @@ from ff_planner_ros.ros.messages.from_messages import (
 )
 from ff_planner_ros.ros.messages.interfaces import entry_of
 from ff_planner_ros.ros.messages.joint_names import GOAL_JOINTS, posture_in
-from ff_planner_ros.ros.messages.paths import goal_of_path, path_in, path_named
+from ff_planner_ros.ros.messages.paths import path_in, path_named
 from ff_planner_ros.ros.messages.to_messages import (
     goal_of_joints,
     payload_message,
@@ -110,9 +109,6 @@ def phase_message(phase: Phase, joint_names: Sequence[str], inertial_frame: str)
         message.goal.kind = Goal.CAPTURE
     if isinstance(phase.target, Posture):
         message.goal = goal_of_joints(message.goal, phase.target, joint_names)
-    if isinstance(phase.target, PathToFollow):
-        may_touch = message.goal.allowed_collisions
-        message.goal = goal_of_path(phase.target, message.limits, inertial_frame, may_touch)
     if phase.payload is not None:
         message.payload = [payload_message(phase.payload)]
     return message
