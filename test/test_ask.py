@@ -177,8 +177,9 @@ def test_where_no_node_runs_it_says_so() -> None:
 def test_whoever_stops_waiting_cancels_the_request(world: tuple[PlannerProcess, Client]) -> None:
     _, client = world
     heard = client.received["exchanges"]
-    slow = ("--set", "objective.chaser_attitude=1", "--set", "objective.joint_path_length=0")
-    process = subprocess.Popen([*ASK, CAPTURE, *BRING, *slow, "--timeout", str(DEADLINE)])
+    slow = ("objective.chaser_attitude=1", "objective.joint_path_length=0", "search.depth=thorough")
+    changes = (word for one in slow for word in ("--set", one))
+    process = subprocess.Popen([*ASK, CAPTURE, *BRING, *changes, "--timeout", str(DEADLINE)])
     try:
         # Of requests before this one the node may tell late.
         client.wait_until(
