@@ -125,8 +125,8 @@ class RigidMotion:
     def highest_acceleration(self, reach: float) -> float:
         """Return an upper bound of the acceleration of points within a reach [m/s2].
 
-        |w'| <= w^2 for the angular velocity w of a free body, by Euler's equations, as no principal
-        moment is larger than the sum of both others.
+        The angular acceleration of a free body is at most the square of its angular velocity, by
+        Euler's equations, as no principal moment is larger than the sum of both others.
         """
         return 2.0 * self.highest_rate**2 * (float(np.linalg.norm(self.lever)) + reach)
 
