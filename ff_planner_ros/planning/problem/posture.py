@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.common.declared import check_declared, declare, written_object
@@ -16,9 +15,9 @@ from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
-from ff_planner_ros.planning.problem.path.followed import PathToFollow
+from ff_planner_ros.planning.problem.path.followed import PathToFollow, end_effector, refuse_grasps
 from ff_planner_ros.planning.problem.target import Target
-from ff_planner_ros.robot.configuration import configuration, whose_limits
+from ff_planner_ros.robot.configuration import whose_limits
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -137,10 +136,8 @@ def end_effector_at(robot: Robot, start: SystemState) -> Target:
 
     It is the placeholder target of a problem whose goal is a posture.
     """
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, *configuration(robot, start))
-    place = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
-    return Target(place, np.array([0.0, 0.0, 0.0, 1.0]), orientation=Orientation.FREE)
+    pose, _ = end_effector(robot, start)
+    return Target(pose.translation, np.array([0.0, 0.0, 0.0, 1.0]), orientation=Orientation.FREE)
 
 
 def target_of_posture(problem: PlanningProblem, posture: Posture) -> Target:
@@ -151,12 +148,5 @@ def target_of_posture(problem: PlanningProblem, posture: Posture) -> Target:
             approach or a camera: these need a goal with a place.
     """
     posture.require_fits(problem.robot, problem.limits.joint_velocities)
-    for field, given in (
-        ("target_body", problem.target_body),
-        ("approach", problem.approach),
-        ("camera", problem.camera),
-    ):
-        if given is not None:
-            allowed = "with a goal of the joints it must be left out: the goal has no place"
-            raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
+    refuse_grasps(problem, "with a goal of the joints it must be left out: the goal has no place")
     return end_effector_at(problem.robot, problem.start)

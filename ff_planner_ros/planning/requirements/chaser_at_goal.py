@@ -17,7 +17,12 @@ from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.limits import ANY_ATTITUDE
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.limits.chaser_rotation import KNEE, MARGIN, PART
+from ff_planner_ros.planning.requirements.limits.chaser_rotation import (
+    KNEE,
+    MARGIN,
+    PART,
+    limit_of_angle,
+)
 from ff_planner_ros.planning.requirements.limits.limited import Extremes, Limit, Limited
 from ff_planner_ros.robot.configuration import eigen_quaternion
 from ff_planner_ros.robot.model import Base
@@ -63,18 +68,7 @@ class ChaserAtGoal(Limited):
         field = "target.chaser_rotation" if of_start else "target.chaser_tolerance"
         off = "has rotated by" if of_start else "is off target.chaser_quaternion_xyzw by"
         advice = (f"a larger {field}", "a longer duration", "more planner.starts")
-        return (
-            Limit(
-                *(np.array([-goal.most]), np.array([goal.most])),
-                ["the chaser"],
-                off,
-                ["rad"],
-                advice,
-                name=field,
-                excess=0.0,
-                is_relative=False,
-            ),
-        )
+        return (limit_of_angle(goal.most, field, off, advice),)
 
     def extremes(self, problem: PlanningProblem, motion: FollowedMotion) -> Sequence[Extremes]:
         """Return the angle off the attitude at the goal."""

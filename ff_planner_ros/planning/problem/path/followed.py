@@ -229,14 +229,7 @@ def followed_target(problem: PlanningProblem, path: PathToFollow) -> Target:
         found = problem.duration if window is None else [window.minimum, window.maximum]
         allowed = f"it must be the time of the path's last point, {path.duration!r} s, or left out"
         raise InvalidInput(Status.OUT_OF_RANGE, "duration", found, allowed)
-    for field, given in (
-        ("target_body", problem.target_body),
-        ("approach", problem.approach),
-        ("camera", problem.camera),
-    ):
-        if given is not None:
-            allowed = "with target.path it must be left out"
-            raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
+    refuse_grasps(problem, "with target.path it must be left out")
     if problem.robot.base is Base.PLANAR:
         _require_in_plane(path, float(end_effector(problem.robot, problem.start)[0].translation[2]))
     end = _curve(path, problem.robot, problem.start).at(path.times[-1:])
@@ -250,6 +243,21 @@ def followed_target(problem: PlanningProblem, path: PathToFollow) -> Target:
         angular_acceleration=end.accelerations[0, 3:],
         orientation=Orientation.FIXED if path.turns else Orientation.FREE,
     )
+
+
+def refuse_grasps(problem: PlanningProblem, allowed: str) -> None:
+    """Refuse what needs a grasp, or another goal of one place, beside a goal that is none.
+
+    Raises:
+        InvalidInput: A target body, an approach or a camera is given.
+    """
+    for field, given in (
+        ("target_body", problem.target_body),
+        ("approach", problem.approach),
+        ("camera", problem.camera),
+    ):
+        if given is not None:
+            raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
 
 
 def _require_in_plane(path: PathToFollow, height: float) -> None:

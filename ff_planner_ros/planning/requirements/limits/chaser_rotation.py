@@ -49,6 +49,28 @@ KNEE = 0.5
 _TIMES = 10
 
 
+def limit_of_angle(most: float, field: str, verb: str, advice: tuple[str, ...]) -> Limit:
+    """Return the limit of an angle of the chaser, without any excess.
+
+    Args:
+        most: Largest angle [rad].
+        field: That gives the limit.
+        verb: What the chaser does by the angle, for failures.
+        advice: What may help.
+    """
+    return Limit(
+        np.array([-most]),
+        np.array([most]),
+        ["the chaser"],
+        verb,
+        ["rad"],
+        advice,
+        name=field,
+        excess=0.0,
+        is_relative=False,
+    )
+
+
 class _ChaserAngle(Limited):
     """An angle of the chaser since the first point is within its limit, if there is one."""
 
@@ -73,19 +95,7 @@ class _ChaserAngle(Limited):
             "a longer duration",
             "more planner.starts",
         )
-        both = np.array([-limit]), np.array([limit])
-        return (
-            Limit(
-                *both,
-                ["the chaser"],
-                self.verb,
-                ["rad"],
-                advice,
-                name=field,
-                excess=0.0,
-                is_relative=False,
-            ),
-        )
+        return (limit_of_angle(limit, field, self.verb, advice),)
 
     def extremes(self, problem: PlanningProblem, motion: FollowedMotion) -> Sequence[Extremes]:
         """Return the largest angle along a motion."""
