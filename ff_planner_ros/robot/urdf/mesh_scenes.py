@@ -78,7 +78,7 @@ class _Collada(Scene[Element]):
                 case "instance_node":
                     carried.append(self.named(child, "url"))
                 case "matrix" | "translate" | "rotate" | "scale":
-                    place = place @ _moved(child)
+                    _move(place, child)
                 case "instance_controller" | "lookat" | "skew":
                     raise NoSolid(f"it has an <{child.tag}>, which is not read")
         return place, meshes, carried
@@ -154,19 +154,20 @@ def _unit(said: Element | None) -> float:
     return unit
 
 
-def _moved(element: Element) -> Array:
-    """Return the transformation of a node's element. Shape (4, 4)."""
+def _move(place: Array, element: Element) -> None:
+    """Put the transformation of a node's element after those before it. Changes `place`, (4, 4)."""
     given = numbers_in(element.text or "")
     if element.tag == "matrix":
-        return given.reshape(4, 4)
-    place, vector = np.eye(4), given[:3].reshape(3)
+        place[:] = place @ given.reshape(4, 4)
+        return
+    vector = given[:3].reshape(3)
     if element.tag == "translate":
-        place[:3, 3] = vector
+        place[:3, 3] += place[:3, :3] @ vector
     elif element.tag == "scale":
-        place[:3, :3] = np.diag(vector)
+        place[:3, :3] *= vector
     else:
-        place[:3, :3] = pin.AngleAxis(math.radians(given[3]), _unit_vector(vector)).matrix()
-    return place
+        turn = pin.AngleAxis(math.radians(given[3]), _unit_vector(vector)).matrix()
+        place[:3, :3] = place[:3, :3] @ turn
 
 
 def _unit_vector(vector: Array) -> Array:
