@@ -260,9 +260,13 @@ def _impossible(weight: Weight, least: float) -> Fault | None:
     smallest, middle, largest = np.linalg.eigvalsh(weight.inertia)
     value = f"of principal moments {_moments(weight)}"
     if smallest < least:
-        return "inertia", value, f"all three must be positive, at least {SMALLEST:g}"
+        return "inertia", value, "all three must be positive: see option inertia"
     if largest > (smallest + middle) * (1.0 + TRIANGLE_TOLERANCE):
-        return "inertia", value, "the largest must not exceed the sum of the others"
+        return (
+            "inertia",
+            value,
+            "the largest must not exceed the sum of the others: see option inertia",
+        )
     return None
 
 
