@@ -20,7 +20,7 @@ _HEAD = Path(__file__).with_name("head.md")
 
 _RECOMPUTED = ("quantity", "unit", "printed", "ours", "by", "agrees")
 _PLANS = (
-    *("task", "published", "last turn [deg]", "largest turn [deg]", "goal missed by [mm]"),
+    *("task", "published", "last turn [deg]", "largest turn [deg]", "missed by [mm]"),
     *("[deg]", "joint path [rad]", "time [s]", "MuJoCo [mm]", "Drake [mm]", "Basilisk [mm]"),
 )
 

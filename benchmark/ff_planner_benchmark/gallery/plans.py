@@ -133,11 +133,18 @@ def _measured(plan: Plan) -> Row:
     metrics, motion = plan.metrics, plan.trajectory
     attitudes = Rotation.from_quat(motion.chaser_quaternions_xyzw)
     turn = np.rad2deg((attitudes[0].inv() * attitudes[-1]).magnitude())
+
+    def missed(of: str) -> float:
+        """Return the largest error along a path, or else that at the goal."""
+        along: float = getattr(metrics, f"max_path_{of}_error")
+        at_goal: float = getattr(metrics, f"final_{of}_error")
+        return along if np.isfinite(along) else at_goal
+
     return {
         "turn_deg": float(turn),
         "peak_deg": float(np.rad2deg(metrics.max_chaser_rotation)),
-        "position_mm": 1e3 * metrics.final_position_error,
-        "attitude_deg": float(np.rad2deg(metrics.final_orientation_error)),
+        "position_mm": 1e3 * missed("position"),
+        "attitude_deg": float(np.rad2deg(missed("orientation"))),
         "path_rad": metrics.joint_path_length,
     }
 
