@@ -261,14 +261,15 @@ installation-figures: env $(VENV)/extras_everyday
 	PYTHONPATH=test $(BIN)/python tools/installation_figures.py
 	$(BIN)/python tools/doc_tables.py
 
-# Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow. None
-# of our own is a package of an index.
+# Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow, also
+# for the first Python that is supported. None of our own is a package of an index.
 lock: env
 	{ $(BIN)/python -c '$(REQUIRES)' ros test robots browser ccsds docs colcon; printf 'pip\nuv\n'; \
 		$(BIN)/python -c '$(REQUIRES_OF_BENCHMARK)'; \
 		for built in . msg_defs benchmark; do \
 			$(BIN)/python -c '$(BUILD_REQUIRES)' $$built/pyproject.toml; done; } | grep -v ^ff_planner_ \
-		| $(BIN)/uv pip compile --quiet --no-header --no-annotate --upgrade --output-file constraints.txt -
+		| $(BIN)/uv pip compile --quiet --no-header --no-annotate --upgrade --python-version 3.11 \
+			--output-file constraints.txt -
 
 REQUIRES_OF_BENCHMARK := import tomllib; \
 	project = tomllib.load(open("benchmark/pyproject.toml", "rb"))["project"]; \
