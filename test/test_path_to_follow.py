@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.core import compiled
-from ff_planner_ros.errors import InvalidInput, NoPlanFound
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import assess
 from ff_planner_ros.planning.motion.plan import Plan
@@ -43,6 +43,7 @@ from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import task_document, write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, robot_from_urdf_text
 from ff_planner_ros.simulation.verification import verify
 
@@ -322,6 +323,62 @@ def test_a_path_that_begins_elsewhere_is_refused_with_its_distance() -> None:
     )
     with pytest.raises(InvalidInput, match=r"target\.path\[0\]\.position is 0\.005 m from"):
         perform(PlanningTask(aside, SETTINGS))
+
+
+def straight(places: list[float], turn: float, tolerance: float) -> PlanningProblem:
+    """Return P5's arm at rest before points a second apart: places [m] on x, turns [rad] about it.
+
+    The turns are as many times `turn` as there are points before.
+    """
+    problem = p5(300.0, 1e-3, 61)
+    pose, _ = end_effector(problem.robot, problem.start)
+    points = []
+    for k, way in enumerate(places):
+        turned = pin.Quaternion(pin.exp3(np.array([k * turn, 0.0, 0.0])) @ pose.rotation)
+        at = pose.translation + np.array([way, 0.0, 0.0])
+        points.append(PathPoint(float(k), at, turned.coeffs() if turn else None))
+    path = PathToFollow(tuple(points), tolerance, tolerance)
+    return problem_along(problem.robot, problem.start, path, SHORTEST)
+
+
+# Slopes m of a cubic spline through zeros at five points one apart, that begins with m_0 = 1 and
+# ends not-a-knot: m_k + 4 m_(k+1) + m_(k+2) = 0 and m_4 = m_2, so m_1 = -7/26. In the first
+# interval it is u (1 - u)^2 - m_1 u^2 (1 - u), largest near u = 3/8.
+SWING = 3 / 8 * (5 / 8) ** 2 + 7 / 26 * (3 / 8) ** 2 * 5 / 8
+
+
+@pytest.mark.parametrize("turns", [False, True], ids=["place", "pose"])
+def test_a_path_that_moves_at_once_is_refused_where_the_end_effector_is_at_rest(
+    turns: bool,
+) -> None:
+    speed = 0.01
+    places = [0.0] * 5 if turns else [speed * k for k in range(5)]
+    asked = [straight(places, speed * turns, part * SWING * speed) for part in (1.01, 0.99)]
+    q = configuration(asked[0].robot, asked[0].start)[0]
+    FollowsPath().refuse_start(asked[0], q, SETTINGS)
+    words = (
+        r"target\.path\[0\] is passed at 0\.01 (m|rad)/s, where the end effector begins at 0 \1/s, "
+        r"0\.01 \1/s apart: .* swings 0\.0017 \1 .*allowed is 0\.00168.* give joints\.velocity"
+    )
+    with pytest.raises(InvalidInput, match=words) as refused:
+        perform(PlanningTask(asked[1], SETTINGS))
+    assert refused.value.status is Status.START_OUTSIDE_LIMITS
+
+
+# Too few points, or too far from each other, to say how fast the first is passed.
+@pytest.mark.parametrize("places", [[0.0, 0.01, 0.02], [0.0, 0.01, 0.01, 0.02, 0.0, 0.03]])
+def test_a_few_points_to_pass_may_begin_at_rest(places: list[float]) -> None:
+    problem = straight(places, 0.0, 1e-3)
+    q = configuration(problem.robot, problem.start)[0]
+    FollowsPath().refuse_start(problem, q, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "problem", [p2c(1e-5, 1e-5, 101), p5(30.0, 1e-4), p5(3000.0, 1e-4), p6(1e-4)]
+)
+def test_published_paths_begin_as_the_end_effector(problem: PlanningProblem) -> None:
+    q = configuration(problem.robot, problem.start)[0]
+    FollowsPath().refuse_start(problem, q, SETTINGS)
 
 
 def test_a_scenario_with_a_path_has_its_duration_and_comes_back_whole(tmp_path: Path) -> None:

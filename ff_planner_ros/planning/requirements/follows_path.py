@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,9 @@ from ff_planner_ros.planning.requirements.requirement import (
 # Of a tolerance: the search keeps this less at the points; between them the error is known to this;
 # and what rounding may add.
 _MARGIN, _GAP, _ROUNDING = 0.05, 0.02, 1e-6
+# Least number of points that may say how fast the first is passed, and how often the first interval
+# is looked at for that.
+_DENSE, _LOOKS = 5, 9
 
 
 class FollowsPath(Requirement):
@@ -42,7 +46,7 @@ class FollowsPath(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a path that does not begin where the end effector is."""
+        """Refuse a path that does not begin where the end effector is, or as it moves."""
         if problem.path is None:
             return
         still = np.zeros((1, problem.robot.model.nv))
@@ -56,6 +60,7 @@ class FollowsPath(Requirement):
                     f"the path must begin where the end effector is, within {error.tolerance:g} "
                     f"{error.unit}",
                 )
+        _refuse_speed(problem, problem.path)
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
         """Return the part of the tolerances that is kept free at the points."""
@@ -105,6 +110,39 @@ class FollowsPath(Requirement):
             if least.certified < -_ROUNDING * error.tolerance:
                 failures.append(_failure(samples, error, least))
         return Assessment(found, failures)
+
+
+def _refuse_speed(problem: PlanningProblem, path: PathToFollow) -> None:
+    """Refuse points that ask for another velocity at the start than the end effector has.
+
+    The curve that begins with the end effector's velocity would swing round them.
+
+    Raises:
+        InvalidInput: It leaves the points' own curve by more than a tolerance.
+    """
+    own, first = path.curve(), path.times[1:2]
+    tolerances = path.position_tolerance, path.orientation_tolerance
+    # Points say how fast they are passed only where half of them give the same curve.
+    half = replace(path, points=path.points[::2]).curve() if len(path.points) >= _DENSE else None
+    if half is None or np.any(np.greater(half.at(first).apart(own.at(first)), tolerances)):
+        return
+    times = np.linspace(0.0, first[0], _LOOKS)
+    swings = own.at(times).apart(curve_of(problem).at(times))
+    wanted, given = (each.at(times[:1]).twists[0] for each in (own, curve_of(problem)))
+    kinds = ("m", slice(0, 3)), ("rad", slice(3, 6))
+    for swing, tolerance, (unit, part) in zip(swings, tolerances, kinds, strict=True):
+        if swing > tolerance:
+            speeds = [np.linalg.norm(each[part]) for each in (wanted, given, wanted - given)]
+            passed, begun, apart = (f"{speed:.4g} {unit}/s" for speed in speeds)
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS,
+                "target.path[0]",
+                f"passed at {passed}, where the end effector begins at {begun}, {apart} apart",
+                f"the curve that begins as the end effector swings {swing:.3g} {unit} away from "
+                f"that of the points, allowed is {tolerance:g} {unit}: give joints.velocity, with "
+                "the chaser's velocities, so that the end effector moves as the path, or points "
+                "that begin as slowly as the end effector",
+            )
 
 
 class _Error(NamedTuple):

@@ -23,6 +23,14 @@ class Poses(NamedTuple):
     accelerations: Array  # shape (times, 6) [m/s2, rad/s2]
     quaternions: Array | None  # shape (times, 4)
 
+    def apart(self, other: Poses) -> tuple[float, float]:
+        """Return the largest distance [m] and angle [rad] to the poses of a curve near this one."""
+        place = np.linalg.norm(self.positions - other.positions, axis=1).max()
+        if self.quaternions is None or other.quaternions is None:
+            return float(place), 0.0
+        chord = np.linalg.norm(self.quaternions - other.quaternions, axis=1).max()
+        return float(place), float(4.0 * np.arcsin(min(chord / 2.0, 1.0)))
+
 
 @dataclass(frozen=True, eq=False)
 class PathCurve:

@@ -177,17 +177,20 @@ class PathToFollow:
         ]
         return replace(self, points=tuple(points))
 
-    def curve(self, twist: Array) -> PathCurve:
+    def curve(self, twist: Array | None = None) -> PathCurve:
         """Return the curve through the points.
 
         Args:
-            twist: Of the end effector at the start, inertial axes. Shape (6,) [m/s, rad/s].
+            twist: Of the end effector at the start, inertial axes, shape (6,) [m/s, rad/s]; None:
+                the curve begins as its points do, not-a-knot.
         """
         from scipy.interpolate import CubicSpline  # slow to load, and only paths come here
 
-        values, first = self.positions, twist[:3]
+        values = np.hstack([self.positions, self._quaternions]) if self.turns else self.positions
+        if twist is None:
+            return PathCurve(CubicSpline(self.times, values))
+        first = twist[:3]
         if self.turns:
-            values = np.hstack([values, self._quaternions])
             turn, (*axis, cosine) = twist[3:], self._quaternions[0]
             rate = np.append(cosine * turn + np.cross(turn, axis), -turn @ axis) / 2.0
             first = np.concatenate([first, rate])
