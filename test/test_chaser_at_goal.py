@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.plan_document import plan_document
 from ff_planner_ros.analysis.plan_json import plan_dictionary
-from ff_planner_ros.console.changes import turned_at_goal
 from ff_planner_ros.core import compiled
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -335,15 +334,6 @@ def test_the_answer_as_json_has_it(lemur_capture: PlanningProblem) -> None:
     assert told["target"]["chaser_rotation"] == 0.05
     assert told["metrics"]["final_chaser_rotation"] == plan.metrics.final_chaser_rotation
     assert plan_document(told).plan.metrics == plan.metrics
-
-
-def test_the_console_asks_for_it_in_degrees_and_zero_asks_for_nothing(
-    lemur_capture: PlanningProblem,
-) -> None:
-    task = PlanningTask(lemur_capture, SETTINGS)
-    asked = turned_at_goal(task, 0.02)
-    assert asked.problem.chaser_goal.rotation == 0.02
-    assert turned_at_goal(asked, 0.0).digest == task.digest
 
 
 def test_it_counts_at_the_goal_and_not_after_it(lemur_capture: PlanningProblem) -> None:

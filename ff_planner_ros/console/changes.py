@@ -1,4 +1,4 @@
-"""Changes of a task by hand: goal, obstacle, weights or duration."""
+"""Changes of a task by hand: goal, path, obstacle, weights or duration."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ff_planner_ros.planning.problem.problem import (
     ChaserGoal,
     DurationRange,
     Orientation,
+    PathToFollow,
     PlanningProblem,
     with_capture_target,
 )
@@ -23,7 +24,8 @@ GOAL = "goal"
 
 def movable(problem: PlanningProblem) -> tuple[str, ...]:
     """Return what can be moved: `GOAL`, if it is a pose, and the ids of free obstacles."""
-    fixed = problem.target_body is not None or problem.posture is not None
+    given = problem.target_body, problem.posture, problem.path
+    fixed = any(one is not None for one in given)
     free = [one.id for one in problem.obstacles if one.body is None]
     return (*(() if fixed else (GOAL,)), *(one for one in free if one != GOAL))
 
@@ -79,14 +81,22 @@ def weighted(task: PlanningTask, joint_path: float, attitude: float) -> Planning
     return _with(task, replace(problem, objective=weights))
 
 
-def turned_at_goal(task: PlanningTask, angle: float) -> PlanningTask:
-    """Return a task whose chaser has rotated by an angle at most at the goal [rad]; zero: by any.
+def attaining(task: PlanningTask, goal: ChaserGoal) -> PlanningTask:
+    """Return a task whose chaser has another attitude at the goal."""
+    return _with(task, replace(task.problem, chaser_goal=goal))
+
+
+def along(task: PlanningTask, path: PathToFollow | None) -> PlanningTask:
+    """Return a task whose end effector follows a path; None: it goes to where that ended.
 
     Raises:
-        InvalidInput: The angle is too small.
+        InvalidInput: The task has a target body, an approach or a camera.
     """
-    goal = ChaserGoal(rotation=angle or None)
-    return _with(task, replace(task.problem, chaser_goal=goal))
+    duration, window = task.problem.duration, task.problem.duration_range
+    if path is not None:
+        duration, window = path.duration, None
+    changed = replace(task.problem, path=path, duration=duration, duration_range=window)
+    return _with(task, changed)
 
 
 def lasting_for(task: PlanningTask, shortest: float, longest: float) -> PlanningTask:

@@ -16,11 +16,11 @@ from ff_planner_ros.console.changes import (
     moved,
     place_of,
     rounded,
-    turned_at_goal,
     weighted,
 )
 from ff_planner_ros.console.curves import CurvesView
 from ff_planner_ros.console.entries import Begin, Entry, PlansHere, Running, in_words, table_of
+from ff_planner_ros.console.goal_fields import GoalFields
 from ff_planner_ros.console.scene import SceneView
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -70,9 +70,7 @@ class Page:
             self._attitude = gui.add_slider("weight of attitude", 0.0, _WEIGHT, 0.1, 0.0)
             self._duration = gui.add_slider("duration [s]", 0.1, 1.0, 0.1, 1.0)
             self._range = gui.add_multi_slider("durations [s]", 0.1, 1.0, 0.1, (0.1, 1.0))
-            self._turn = gui.add_number(
-                "chaser rotation at the goal [deg]", 0.0, min=0.0, step=0.01, hint="0: any"
-            )
+            self._goal = GoalFields(gui)
             self._undo = gui.add_button("undo", disabled=True, hint="back to the answer shown")
         with gui.add_folder("Plan"):
             self._plan = gui.add_button("plan")
@@ -89,7 +87,8 @@ class Page:
         self._time.on_update(lambda event: self._by_user(event, self._show_time))
         self._move.on_update(lambda event: self._by_user(event, self._place_handle))
         self._place.on_update(lambda event: self._by_user(event, self._moved_by_numbers))
-        for one in (self._path, self._attitude, self._duration, self._range, self._turn):
+        sliders = self._path, self._attitude, self._duration, self._range
+        for one in (*sliders, *self._goal.every):
             one.on_update(lambda event: self._by_user(event, self._changed_by_sliders))
         self._plan.on_click(lambda _: self._locked(self.plan))
         self._cancel.on_click(lambda _: self._locked(self.cancel))
@@ -218,6 +217,26 @@ class Page:
 
     def _set_sliders(self) -> None:
         """Set the controls to the task's values."""
+        self._offer()
+        if self.task is None:
+            return
+        problem = self.task.problem
+        self._goal.show(problem)
+        for slider, weight in (
+            (self._path, problem.objective.joint_path_length),
+            (self._attitude, problem.objective.chaser_attitude),
+        ):
+            slider.max = max(_WEIGHT, weight, slider.max)
+            _set(slider, weight)
+        window = problem.durations
+        for one in (self._duration, self._range):
+            one.min = min(one.min, _SHORTER * window.minimum)
+            one.max = max(one.max, _LONGER * window.maximum)
+        _set(self._duration, problem.duration)
+        _set(self._range, (window.minimum, window.maximum))
+
+    def _offer(self) -> None:
+        """Show the controls that the task can be changed by."""
         names = () if self.task is None else movable(self.task.problem)
         shown = (name for name in names if name == GOAL or self._moves_obstacles)
         self._move.options = (_NOTHING, *shown)
@@ -225,22 +244,9 @@ class Page:
         if self.task is None:
             return
         problem = self.task.problem
-        for slider, weight in (
-            (self._path, problem.objective.joint_path_length),
-            (self._attitude, problem.objective.chaser_attitude),
-        ):
-            slider.max = max(_WEIGHT, weight, slider.max)
-            _set(slider, weight)
-        self._turn.visible = problem.chaser_goal.quaternion_xyzw is None
-        _set(self._turn, np.rad2deg(problem.chaser_goal.rotation or 0.0))
-        window = problem.durations
-        self._duration.visible = problem.duration_range is None
-        self._range.visible = not self._duration.visible
-        for one in (self._duration, self._range):
-            one.min = min(one.min, _SHORTER * window.minimum)
-            one.max = max(one.max, _LONGER * window.maximum)
-        _set(self._duration, problem.duration)
-        _set(self._range, (window.minimum, window.maximum))
+        self._goal.offer(problem)
+        self._duration.visible = problem.duration_range is None and problem.path is None
+        self._range.visible = problem.duration_range is not None
 
     def _choose_named(self) -> None:
         self.choose(self._choice.value)
@@ -253,15 +259,16 @@ class Page:
             durations = (float(self._range.value[0]), float(self._range.value[1]))
         try:
             task = weighted(self.task, float(self._path.value), float(self._attitude.value))
-            if self._turn.value != np.rad2deg(task.problem.chaser_goal.rotation or 0.0):
-                task = turned_at_goal(task, float(np.deg2rad(self._turn.value)))
-            before = task.problem.durations
-            if is_other := durations != (before.minimum, before.maximum):
+            task = self._goal.changed(task)
+            window = task.problem.durations
+            if task.problem.path is None and durations != (window.minimum, window.maximum):
                 task = lasting_for(task, *durations)
         except FfPlannerError as error:
             self._refuse(error)
             return
-        self.change(task, is_other)
+        before, after = self.task.problem, task.problem
+        self.change(task, after.path is not before.path or after.durations != before.durations)
+        self._offer()
 
     def _place_handle(self) -> None:
         """Put the handle on the goal or obstacle that is chosen to be moved."""

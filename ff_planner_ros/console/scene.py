@@ -146,7 +146,7 @@ class SceneView:
             drawn.parts.append((part, handle))
         if not robot.bodies:
             drawn.arm = self._lines(f"{above}/arm", joined(_arm(stage, 0)), 6.0)
-        self._lines(f"{above}/path", joined(stage.tip))
+        self._lines(f"{above}/way", joined(stage.tip))
         for name, lines in stage.constraints.items():
             self._lines(f"{above}/{name}", lines, 1.0)
         self._goal(above, stage)

@@ -7,13 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ff_planner_ros.analysis.drawing.surroundings import constraint_lines, corridor_lines
+from ff_planner_ros.analysis.drawing.surroundings import (
+    constraint_lines,
+    corridor_lines,
+    path_lines,
+)
 from ff_planner_ros.analysis.nearest import Nearest, nearest_of
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.path.followed import end_effector
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.following import phase_tasks
@@ -32,7 +37,7 @@ class Stage:
     problem: PlanningProblem  # its obstacles are those at the first point of the phase
     times: Array  # from that point on; shape (points,) [s]
     q: Array  # shape (points, 7 + joints)
-    constraints: dict[str, Array]  # lines of corridor and camera, each (lines, 2, 3) [m]
+    constraints: dict[str, Array]  # lines of corridor, camera and path, each (lines, 2, 3) [m]
     motion: Trajectory | None = None  # None: nothing is planned yet
 
     @property
@@ -89,5 +94,8 @@ def _before_plan(task: PlanningTask) -> Stage:
     goal, lines = problem.target, dict[str, Array]()
     if problem.approach is not None:
         lines["approach"] = corridor_lines(problem.approach, goal.position, goal.quaternion_xyzw)
+    if problem.path is not None:
+        _, twist = end_effector(problem.robot, start)
+        lines["path"] = path_lines(problem.path, twist)
     times = np.linspace(0.0, problem.duration, _MOMENTS)
     return Stage(0.0, problem, times, np.repeat(q[None], _MOMENTS, axis=0), lines)

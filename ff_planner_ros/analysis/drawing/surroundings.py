@@ -23,6 +23,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.path.followed import PathToFollow
 from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
@@ -130,10 +131,19 @@ def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str
         found["camera"] = view_lines(scene.camera, scene, robot, motion)
     if scene.path is not None:
         twist = motion.ee_linear_velocities[0], motion.ee_angular_velocities[0]
-        times = np.linspace(0.0, scene.path.duration, _PATH_LINES + 1)
-        places = scene.path.curve(np.concatenate(twist)).at(times).positions
-        found["path"] = np.stack([places[:-1], places[1:]], axis=1)
+        found["path"] = path_lines(scene.path, np.concatenate(twist))
     return found
+
+
+def path_lines(path: PathToFollow, twist: Array) -> Array:
+    """Return line segments of a path, given the end effector's twist at the start; see `curve`.
+
+    Returns:
+        Both ends of each line, inertial. Shape (lines, 2, 3) [m].
+    """
+    times = np.linspace(0.0, path.duration, _PATH_LINES + 1)
+    places = path.curve(twist).at(times).positions
+    return np.stack([places[:-1], places[1:]], axis=1)
 
 
 def view_lines(camera: Camera, scene: Scene, robot: Robot, motion: Trajectory) -> Array:
