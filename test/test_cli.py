@@ -6,20 +6,27 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
+from published_paths import p5
 from rosbags.highlevel import AnyReader
 
+from ff_planner_ros.analysis.summary import phase_rows
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands.options import require_directory, require_file
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.paths.polynomial import PARAMETERS
+from ff_planner_ros.planning.problem.problem import ChaserGoal, Objective
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.task import PlanningTask
 
 CONFIG = share_directory() / "config"
 CAPTURE = CONFIG / "scenarios" / "lemur_capture.yaml"
@@ -96,6 +103,38 @@ def test_plan_writes_every_field_of_the_contract(tmp_path, capsys):
     assert (at_points * (1.0 - 1e-9) <= peaks).all()
     assert peaks == pytest.approx(at_points, rel=0.03)  # they are higher between the points
     assert re.search(rf"peak joint torque +{peaks.max():.4g} N m, joint_4", shown)
+
+
+def test_plan_tells_the_chasers_rotation_at_the_goal_if_it_is_asked_for(scenario, capsys, tmp_path):
+    answer, label = tmp_path / "answer.json", "chaser rotation at the goal"
+    asked = scenario(target__chaser_rotation=0.02)
+    assert main(["plan", str(asked), "--json", str(answer)]) == 0
+    angle = np.rad2deg(json.loads(answer.read_text())["metrics"]["final_chaser_rotation"])
+    assert re.search(rf"{label} +{angle:.4f} deg", capsys.readouterr().out)
+    assert main(["plan", str(scenario())]) == 0
+    told = capsys.readouterr().out
+    assert label not in told
+    assert "from the path" not in told
+
+
+def test_the_table_of_phases_tells_it_of_those_that_ask_for_it(lemur_plan):
+    phases = replace(lemur_plan, then=(lemur_plan,))
+    rows = phase_rows(phases, [ChaserGoal(), ChaserGoal(rotation=1.0)])
+    most, last = np.rad2deg(
+        [lemur_plan.metrics.max_chaser_rotation, lemur_plan.metrics.final_chaser_rotation]
+    )
+    assert [row[3] for row in rows] == [f"{most:.2f}", f"{most:.2f}, at the goal {last:.4f}"]
+
+
+def test_plan_tells_the_largest_errors_along_a_path(capsys, tmp_path):
+    problem = replace(p5(300.0, 1e-3, 31), objective=Objective(1.0, 0.0))
+    file, answer = tmp_path / "path.yaml", tmp_path / "answer.json"
+    write_scenario(PlanningTask(problem, load_parameters().planner), file)
+    assert main(["plan", str(file), "--json", str(answer)]) == 0
+    away = 1e3 * json.loads(answer.read_text())["metrics"]["max_path_position_error"]
+    told = capsys.readouterr().out
+    assert re.search(rf"largest distance from the path +{away:.4f} mm", told)
+    assert "angle to the path" not in told  # its orientation is free
 
 
 def test_plan_without_obstacles_writes_json_that_strict_readers_take(scenario, tmp_path):

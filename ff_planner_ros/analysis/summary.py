@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, Metrics
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Limits
+from ff_planner_ros.planning.problem.problem import ChaserGoal, Limits
 from ff_planner_ros.robot.model import Robot
 
 # Of the metrics, what a user wants to know first.
@@ -19,10 +21,12 @@ _TOLD = (
     *("peak_joint_torques", "final_position_error", "final_orientation_error", "momentum_error"),
 )
 
+# Finite only with a payload, a body that is captured, or a path to follow.
 _OF_GRASP = (
     *("peak_grasp_force", "peak_grasp_torque"),
     *("capture_impulse", "capture_angular_impulse"),
 )
+_OF_PATH = ("max_path_position_error", "max_path_orientation_error")
 
 
 def plan_rows(
@@ -32,6 +36,7 @@ def plan_rows(
     digest: str,
     chosen: bool,
     limits: Limits | None,
+    attains: bool,
 ) -> list[tuple[str, str]]:
     """Return name and value of what a user wants to know first of a plan made in `solve_time` s.
 
@@ -40,9 +45,12 @@ def plan_rows(
         digest: Digest of the task.
         chosen: Whether the planner chose the duration.
         limits: Limits that the plan keeps; None: not known.
+        attains: Whether an attitude of the chaser at the goal was asked for.
     """
     solver, metrics = plan.solver, plan.metrics
     told = {name: metrics.told(name) for name in _TOLD}
+    if attains:
+        told["final_chaser_rotation"] = metrics.told("final_chaser_rotation")
     told["peak_joint_torques"] = _peaks(robot, plan)
     return [
         ("status", Status.SOLVED.name.lower()),
@@ -50,7 +58,7 @@ def plan_rows(
         *([] if limits is None else [("limits kept", _limits(limits, plan))]),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
         *_wheel_rows(metrics),
-        *_grasp_rows(metrics),
+        *_finite_rows(metrics),
         *([] if plan.robust is None else [("robust", plan.robust.told(metrics.joint_path_length))]),
         *([("parametrisation", plan.family)] if plan.family else []),
         *_at_rest(plan),
@@ -92,11 +100,19 @@ def _wheel_rows(metrics: Metrics) -> list[tuple[str, str]]:
 PHASES = ("phase", "lasts [s]", "joint path [rad]", "chaser turns [deg]", "nearest", "grasp takes")
 
 
-def phase_rows(plan: Plan) -> list[tuple[str, ...]]:
-    """Return a row for each phase of a plan: `PHASES`."""
+def phase_rows(plan: Plan, goals: Sequence[ChaserGoal]) -> list[tuple[str, ...]]:
+    """Return a row for each phase of a plan: `PHASES`.
+
+    Args:
+        goals: Attitudes of the chaser that are asked for at the goal of each phase.
+    """
     rows = list[tuple[str, ...]]()
-    for number, one in enumerate(plan.phases, start=1):
+    for number, (one, goal) in enumerate(zip(plan.phases, goals, strict=False), start=1):
         metrics = one.metrics
+        turns = f"{np.rad2deg(metrics.max_chaser_rotation):.2f}"
+        if np.isfinite(goal.most):
+            at_goal = METRIC_BY_NAME["final_chaser_rotation"].shown(metrics.final_chaser_rotation)
+            turns += f", at the goal {at_goal}"
         near = min(metrics.min_clearance, metrics.min_self_clearance)
         force = [METRIC_BY_NAME[name].text(getattr(metrics, name)) for name in _OF_GRASP[:2]]
         impulse = METRIC_BY_NAME["capture_impulse"].text(metrics.capture_impulse)
@@ -106,7 +122,7 @@ def phase_rows(plan: Plan) -> list[tuple[str, ...]]:
                 str(number),
                 f"{one.duration:.2f}" if one.duration else "-",
                 f"{metrics.joint_path_length:.4f}",
-                f"{np.rad2deg(metrics.max_chaser_rotation):.2f}",
+                turns,
                 METRIC_BY_NAME["min_clearance"].text(near),
                 takes,
             )
@@ -114,11 +130,11 @@ def phase_rows(plan: Plan) -> list[tuple[str, ...]]:
     return rows
 
 
-def _grasp_rows(metrics: Metrics) -> list[tuple[str, str]]:
-    """Return name and value of the loads and impulses at the grasp; empty without a grasp."""
+def _finite_rows(metrics: Metrics) -> list[tuple[str, str]]:
+    """Return name and value of the errors along a path, and of what a grasp takes; those known."""
     return [
         (METRIC_BY_NAME[name].label, metrics.told(name))
-        for name in _OF_GRASP
+        for name in (*_OF_PATH, *_OF_GRASP)
         if np.isfinite(getattr(metrics, name))
     ]
 

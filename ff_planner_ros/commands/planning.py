@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from argparse import ArgumentParser, Namespace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -103,10 +104,14 @@ def _print_plan(task: PlanningTask, plan: Plan, solve_time: float) -> None:
 
     chosen = task.problem.duration_range is not None
     total, robot, limits = whole(plan), task.problem.robot, task.problem.limits
-    print_table(plan_rows(robot, total, solve_time, task.digest, chosen, limits))
+    goals = [task.problem.chaser_goal, *(phase.chaser_goal for phase in task.then)]
+    # Of several phases, each has its own, and those that ask for none may turn as they like.
+    attains = not plan.then and isfinite(goals[0].most)
+    print_table(plan_rows(robot, total, solve_time, task.digest, chosen, limits, attains))
     if plan.then:
         print()
-        print_columns("Phases, each from where the one before ends", PHASES, phase_rows(plan))
+        title = "Phases, each from where the one before ends"
+        print_columns(title, PHASES, phase_rows(plan, goals))
 
 
 def _write_answer(

@@ -98,12 +98,13 @@ def ask_node(options: Namespace) -> int:
     plan, digest = plan_from_answer(answer), answer.task_digest
     start = nanoseconds(answer.plans[0].joint_trajectory.header.stamp) / NANOSECONDS
     write_json(options.json, received_dictionary(plan, answer.plan_id, digest, start, solve_time))
-    chosen = request.duration_max > 0.0
+    chosen, goal = request.duration_max > 0.0, request.goal
+    attains = not plan.then and bool(goal.chaser_rotation or goal.chaser_attitude)
     print_table(
         [
             ("plan", f"{answer.plan_id}, {'not published' if request.plan_only else 'published'}"),
             ("starts at", f"{start:.3f} s"),
-            *plan_rows(None, plan, solve_time, digest, chosen, limits=None),
+            *plan_rows(None, plan, solve_time, digest, chosen, limits=None, attains=attains),
         ]
     )
     return SOLVED
