@@ -193,7 +193,7 @@ def scenario(tmp_path: Path) -> Any:
             return keys_with("no_such_key", *place) | keys_with("shape", *place)
         if place == ("target",):  # of the end effector, of its path or of the joints
             of_chaser = {key.partition(".")[2] for key in declared(ChaserGoal)}
-            every = (keys_with(key, *place) for key in ("no_such_key", "path", "at_rest"))
+            every = (keys_with(key, *place) for key in ("no_such_key", "path", "circle", "at_rest"))
             return of_chaser.union(*every)
         return keys_with("no_such_key", *place)
 
@@ -208,6 +208,7 @@ def scenario(tmp_path: Path) -> Any:
             (("duration",), {"min": 9.0, "max": 10.0}),
             (("target", "joints"), {}),
             (("target", "path"), {"path": [{}]}),
+            (("target", "circle"), {"circle": {}}),
         ):
             if place[: len(around)] == around:
                 changed[around[0]] = block

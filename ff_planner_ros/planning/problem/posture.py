@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ff_planner_ros.common.plain_values import an_object
 from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.planning.problem.path.circle import CircleToFollow
 from ff_planner_ros.planning.problem.path.followed import PathToFollow, end_effector, refuse_grasps
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.configuration import whose_limits
@@ -106,26 +107,33 @@ class Posture:
                 )
 
 
-def _goal(field: str, value: object) -> Target | Posture | PathToFollow:
-    """Read a target, or the posture or path that some of its keys stand for."""
+def _goal(field: str, value: object) -> Goal:
+    """Read a target, or the posture, path or circle that some of its keys stand for."""
     keys = value.keys() if isinstance(value, dict) else ()
-    kind: type[Any] = Posture if {"joints", "at_rest"} & {*keys} else Target
-    found: Target | Posture | PathToFollow
-    found = part(PathToFollow if "path" in keys else kind).read(field, value)
+    named = (kind for key, kind in _KINDS.items() if key in keys)
+    found: Goal = part(next(named, Target)).read(field, value)
     return found
 
 
-def _goal_checked(field: str, value: object) -> Target | Posture | PathToFollow:
-    if isinstance(value, Posture | PathToFollow):
+def _goal_checked(field: str, value: object) -> Goal:
+    if isinstance(value, Posture | PathToFollow | CircleToFollow):
         return value
     return an_object(field, value, Target)
 
 
 def _goal_schema() -> Schema:
-    return {"anyOf": [part(kind).schema() for kind in (Target, Posture, PathToFollow)]}
+    kinds = dict.fromkeys((Target, *_KINDS.values()))
+    return {"anyOf": [part(kind).schema() for kind in kinds]}
 
 
-# A target, a posture or a path: its keys say which.
+Goal: TypeAlias = Target | Posture | PathToFollow | CircleToFollow
+# What a goal is by its keys; otherwise it is a target.
+_KINDS: dict[str, type[Any]] = {
+    "joints": Posture,
+    "at_rest": Posture,
+    "path": PathToFollow,
+    "circle": CircleToFollow,
+}
 GOAL = replace(
     part(Target), read=_goal, schema=_goal_schema, checked=_goal_checked, written=written_object
 )

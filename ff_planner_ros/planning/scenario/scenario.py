@@ -25,17 +25,17 @@ from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status, fields_renamed
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.limits import ChaserGoal
+from ff_planner_ros.planning.problem.path.circle import CircleToFollow
 from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
 from ff_planner_ros.planning.problem.problem import (
     USUAL_POINTS,
     DurationRange,
     Limits,
-    PathToFollow,
     PlanningProblem,
     with_attached,
 )
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS
-from ff_planner_ros.planning.problem.target import require_enough_joints
+from ff_planner_ros.planning.problem.target import Target, require_enough_joints
 from ff_planner_ros.planning.scenario.body_file import TARGET_BODY, BodyFile
 from ff_planner_ros.planning.scenario.defaults import Defaults as Defaults
 from ff_planner_ros.planning.scenario.phases_file import KEY as PHASES_KEY
@@ -270,8 +270,10 @@ def _problem(read: Mapping[str, Any], robot: Robot, limits: Limits) -> PlanningP
         given["target"] = body.target(given["duration"])
         given["obstacles"] = with_attached(given["obstacles"], body)
     given["limits"] = replace(limits, **given.get("limits", {}))
-    if isinstance(goal := given["target"], Posture | PathToFollow):
+    if not isinstance(goal := given["target"], Target):
         start, field = _start(robot, read), "posture" if isinstance(goal, Posture) else "path"
+        if isinstance(goal, CircleToFollow):
+            goal = goal.path(robot, start, given["duration"])
         given |= {"target": end_effector_at(robot, start), field: goal}
         return PlanningProblem(robot=robot, start=start, **given)
     # Before the start: an arm that cannot meet the target may well be unable to rest, too.

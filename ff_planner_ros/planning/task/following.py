@@ -15,7 +15,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.objective import DurationRange
 from ff_planner_ros.planning.problem.obstacles import carried, with_attached
 from ff_planner_ros.planning.problem.posture import Posture, end_effector_at
-from ff_planner_ros.planning.problem.problem import PathToFollow, PlanningProblem, lasting
+from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.search.families import require_families
@@ -72,7 +72,6 @@ def _following(task: PlanningTask, end: SystemState, duration: float | None) -> 
     lasts = phase.longest_duration
     body = None if phase.target_body is None else phase.target_body.after(elapsed)
     posture = phase.target if isinstance(phase.target, Posture) else None
-    path = phase.target if isinstance(phase.target, PathToFollow) else None
     if body is not None:
         target, obstacles = body.target(lasts), with_attached(obstacles, body)
     elif isinstance(phase.target, Target):
@@ -85,7 +84,7 @@ def _following(task: PlanningTask, end: SystemState, duration: float | None) -> 
         start=start,
         target=target,
         posture=posture,
-        path=path,
+        path=None,
         target_body=body,
         chaser_goal=phase.chaser_goal,
         obstacles=obstacles,

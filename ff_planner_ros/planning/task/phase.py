@@ -18,6 +18,8 @@ from ff_planner_ros.common.shown import in_a_line
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.limits import ANY_ATTITUDE, ChaserGoal
+from ff_planner_ros.planning.problem.path.circle import CircleToFollow
+from ff_planner_ros.planning.problem.posture import Goal
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,
     Approach,
@@ -27,8 +29,6 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PathToFollow,
     PlanningProblem,
-    Posture,
-    Target,
     TargetBody,
 )
 from ff_planner_ros.robot.urdf.payload import Payload
@@ -62,7 +62,7 @@ class Phase:
 
     duration: float | DurationRange = of_problem("duration")
     # Where the target is when the phase ends, as in a problem of its own; None: a body's grasp
-    target: Target | Posture | PathToFollow | None = of_problem("target", default=None)
+    target: Goal | None = of_problem("target", default=None)
     # In its state at the first point of the whole sequence
     target_body: TargetBody | None = of_problem("target_body", default=None)
     chaser_goal: ChaserGoal = declare_inline(ChaserGoal, default=ANY_ATTITUDE)
@@ -99,9 +99,10 @@ class Phase:
             found = "missing" if self.target is None else "given beside target_body"
             allowed = "either it or target_body must be given"
             raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
-        if isinstance(self.target, PathToFollow):
+        if isinstance(self.target, PathToFollow | CircleToFollow):
+            field = "target.path" if isinstance(self.target, PathToFollow) else "target.circle"
             allowed = "a path is followed in the first phase alone"
-            raise InvalidInput(Status.UNSUPPORTED, "target.path", "given", allowed)
+            raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
 
     @property
     def longest_duration(self) -> float:

@@ -40,6 +40,17 @@ _LEAST_COSINE = math.cos(math.pi / 4) - 1e-9
 _LEAST = 1e-5
 _UNTURNED = np.array([0.0, 0.0, 0.0, 1.0])
 
+# Fields of all kinds of paths.
+POSITION_TOLERANCE: float = declare(
+    a_number(at_least=_LEAST), "largest distance from the path", unit="m", default=1e-3
+)
+ORIENTATION_TOLERANCE: float = declare(
+    a_number(at_least=_LEAST, at_most=math.pi / 2),
+    "largest angle to the path's orientation, where it has one",
+    unit="rad",
+    default=1e-3,
+)
+
 
 @dataclass(frozen=True, eq=False)
 class PathPoint:
@@ -80,15 +91,8 @@ class PathToFollow:
         "the goal; between them a cubic spline",
         key="path",
     )
-    position_tolerance: float = declare(
-        a_number(at_least=_LEAST), "largest distance from the path", unit="m", default=1e-3
-    )
-    orientation_tolerance: float = declare(
-        a_number(at_least=_LEAST, at_most=math.pi / 2),
-        "largest angle to the path's orientation, where it has one",
-        unit="rad",
-        default=1e-3,
-    )
+    position_tolerance: float = POSITION_TOLERANCE
+    orientation_tolerance: float = ORIENTATION_TOLERANCE
 
     FACTS = ("points", "position_tolerance", "orientation_tolerance")
     __repr__ = in_a_line
