@@ -67,7 +67,7 @@ class ChaserAtGoal(Limited):
         of_start = goal.quaternion_xyzw is None
         field = "target.chaser_rotation" if of_start else "target.chaser_tolerance"
         off = "has rotated by" if of_start else "is off target.chaser_quaternion_xyzw by"
-        advice = (f"a larger {field}", "a longer duration", "more planner.starts")
+        advice = (f"a larger {field}", "a longer duration", "more planner.joint_spline_spans")
         return (limit_of_angle(goal.most, field, off, advice),)
 
     def extremes(self, problem: PlanningProblem, motion: FollowedMotion) -> Sequence[Extremes]:
