@@ -122,8 +122,8 @@ def _goal_checked(field: str, value: object) -> Goal:
 
 
 def _goal_schema() -> Schema:
-    kinds = dict.fromkeys((Target, *_KINDS.values()))
-    return {"anyOf": [part(kind).schema() for kind in kinds]}
+    kinds: tuple[type[Any], ...] = (Target, *_KINDS.values())
+    return {"anyOf": [part(kind).schema() for kind in dict.fromkeys(kinds)]}
 
 
 Goal: TypeAlias = Target | Posture | PathToFollow | CircleToFollow
