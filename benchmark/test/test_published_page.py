@@ -27,7 +27,7 @@ TOLD = [task for tasks in plans.TASKS.values() for task in tasks]
 # Rotation of the chaser at the end that a plan may have [deg], and at any time.
 MOST = {
     "p2b": (6.88, 6.88),
-    "p4_least": (11.7, 11.7),
+    "p4_least": (4.5, 4.5),
     "p8_planar": (0.1, 0.1),
     "p9": (1.3443, 1.3443),
 }
