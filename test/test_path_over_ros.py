@@ -52,7 +52,8 @@ def test_a_path_comes_back_out_of_a_request(problem: PlanningProblem) -> None:
         assert back.path.orientation_tolerance == problem.path.orientation_tolerance
         for one, other in zip(back.path.points, problem.path.points, strict=True):
             if one.quaternion_xyzw is not None:
-                np.testing.assert_array_equal(one.quaternion_xyzw, other.quaternion_xyzw)
+                # Read, a quaternion is scaled to unit length once more.
+                np.testing.assert_allclose(one.quaternion_xyzw, other.quaternion_xyzw, atol=1e-15)
 
 
 def test_tolerances_that_a_request_leaves_out_are_a_thousandth() -> None:

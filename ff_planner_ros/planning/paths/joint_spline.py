@@ -133,6 +133,11 @@ class JointSplines:
         """Return the motions to a target near this one; the control points stay what they are."""
         return replace(self, problem=replace(self.problem, target=target, path=None))
 
+    @property
+    def halved(self) -> JointSplines:
+        """The motions on half as many spans, which are among these if their number is even."""
+        return replace(self, basis=replace(self.basis, spans=self.basis.spans // 2))
+
     def lasting(
         self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
     ) -> JointSplines:
@@ -204,7 +209,7 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
     """Return the joint splines from the start state of a problem.
 
     If the start's joint accelerations are not known, they are zero, or those of a path to follow,
-    which also takes as many spans as it needs.
+    which also takes as many spans as it needs, twice as many where the attitude has a weight.
     """
     spans = settings.joint_spline_spans
     if problem.path is not None:

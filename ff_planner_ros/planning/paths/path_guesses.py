@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 # Steps of a guess, or so many a point of the path, but no more than the most.
 _STEPS, _STEPS_EACH, _MOST_STEPS = 200, 4, 1000
 # Singular values of the generalised Jacobian below this are damped.
-_DAMPING = 0.01
+_DAMPING = 3e-4
 # Weights of the chaser's rotation, as multiples of the joints' own where the plan begins.
 _WEIGHTS, _WEIGHTS_OF_LITTLE_TURN = (0.0, 10.0, 1000.0), (10.0, 1.0, 100.0)
 # Joints nearer to their limits move less, down to the least room [rad].
@@ -41,7 +41,7 @@ _ROOM, _LEAST_ROOM = 0.3, 0.01
 _DETOURS = 0.5
 # Numbers of spans to choose from, and the part of the tolerances that the fit of a guess may miss,
 # root mean square.
-_SPANS, _MISSED = (8, 12, 16, 24, 32), 0.05
+_SPANS, _MISSED = (8, 10, 12, 16, 20, 24, 32), 0.3
 
 
 def path_guesses(family: JointSplines) -> Iterator[Array]:
@@ -63,7 +63,8 @@ def _drawn(family: JointSplines) -> Iterator[Array]:
 def spans_along(problem: PlanningProblem, settings: PlannerSettings) -> tuple[int, Array]:
     """Return how many spans joint splines along a path need, and their accelerations at the start.
 
-    The latter are the start's, if they are known, shape (joints,) [rad/s2].
+    Twice as many where the attitude has a weight, for which the joints move to and fro. The
+    accelerations are the start's, if they are known, shape (joints,) [rad/s2].
     """
     path, robot = problem.path, problem.robot
     if path is None:
@@ -84,7 +85,8 @@ def spans_along(problem: PlanningProblem, settings: PlannerSettings) -> tuple[in
         controls = np.concatenate([first, behind])
         if np.sqrt(((rows @ controls - joints) ** 2).mean()) <= _MISSED * allowed:
             break
-    return spans, basis.on_grid(1, 2)[0] @ controls
+    weighs = problem.objective.chaser_attitude > 0.0
+    return (1 + weighs) * spans, basis.on_grid(1, 2)[0] @ controls
 
 
 @lru_cache(maxsize=8)
@@ -162,7 +164,7 @@ class _Rates:
         pull = self.cost @ bias - self.weight * turning.T @ drift[self.turning]
         # Near its limits a joint moves little.
         room = np.minimum(q[7:] - robot.lower_position_limits, robot.upper_position_limits - q[7:])
-        cost += np.diag((np.clip(_ROOM / np.maximum(room, _LEAST_ROOM), 1.0, None) ** 4) - 1.0)
+        cost += np.diag(np.maximum((_ROOM / np.maximum(room, _LEAST_ROOM)) ** 2 - 1.0, 0.0) ** 2)
         solved = np.linalg.solve(cost, np.column_stack([pull, jacobian.T]))
         free, by_force = solved[:, 0], solved[:, 1:]
         lacks = wanted - every[:, base] @ drift - jacobian @ free
