@@ -228,10 +228,12 @@ def plan_along(
     plans = list[Plan]()
     if first_guess is not None and len(first_guess) == family.variables:
         plans += _plans_from(on_all, first_guess)
-    for guess in islice(on_half.initial_guesses(), _GUESSES[settings.search]):
-        for plan in _plans_from(on_half, guess):
-            lifted = family.near(coarse.motion(plan.coefficients, family.variables).q)
-            plans.append(replace(plan, coefficients=lifted))
+    for number, guess in enumerate(islice(on_half.initial_guesses(), _GUESSES[settings.search])):
+        # Near the first guess, too: soon something to answer with if the time is short.
+        for norms in ((), _NORMS)[number > 0 :]:
+            for plan in _plans_from(on_half, guess, norms):
+                lifted = family.near(coarse.motion(plan.coefficients, family.variables).q)
+                plans.append(replace(plan, coefficients=lifted))
     if not plans:
         return None
 
@@ -243,11 +245,13 @@ def plan_along(
     return replace(best, solver=effort.report(best.solver))
 
 
-def _plans_from(solver: GridSolver, x: Array) -> Iterator[Plan]:
+def _plans_from(
+    solver: GridSolver, x: Array, norms: tuple[tuple[float, int], ...] = _NORMS
+) -> Iterator[Plan]:
     """Yield the plan to which a path leads, if it passes the check."""
     solver.effort.starts += 1
     grid = solver.grids[-1]
-    for norm, iterations in _NORMS:
+    for norm, iterations in norms:
         found = solver.solve(_stage(grid, norm, iterations), x)
         if found.at_x.is_defined:
             x = found.x
