@@ -38,6 +38,7 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.requirements import follows_path
 from ff_planner_ros.planning.requirements.follows_path import FollowsPath
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
@@ -178,6 +179,22 @@ def test_the_rows_of_the_search_are_the_errors_and_have_exact_derivatives(
         np.testing.assert_allclose(
             at_x.constraints_jacobian[mine] @ step, (after - before) / 2.0, atol=1e-12
         )
+
+
+@pytest.mark.parametrize("base", Base)
+def test_the_rates_of_errors_are_their_derivatives(base: Base) -> None:
+    problem, rng, step = wavy_problem(base, turns=True), np.random.default_rng(5), 1e-5
+    robot, (q, v) = problem.robot, configuration(problem.robot, problem.start)
+    aside, v = (scale * rng.normal(size=len(v)) for scale in (0.1, 0.5))
+    fixed = [row for row in range(6) if row not in base.rows]
+    aside[fixed] = v[fixed] = 0.0
+    here = pin.integrate(robot.model, q, aside)
+    times = 2.5 + step * np.array([-1.0, 0.0, 1.0])
+    along = np.array([pin.integrate(robot.model, here, (time - 2.5) * v) for time in times])
+    for error in follows_path._errors(problem, problem.path, times, along, np.array([v] * 3)):
+        assert np.linalg.norm(error.vectors[1]) > 0.01
+        difference = (error.vectors[2] - error.vectors[0]) / (2.0 * step)
+        np.testing.assert_allclose(error.rates[1], difference, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", ["tumbling", "circle", "half circle", "short circle"])
@@ -321,8 +338,9 @@ def test_a_path_that_begins_elsewhere_is_refused_with_its_distance() -> None:
     aside = replace(
         problem, path=problem.path.moved(lambda at, _: at + np.array([0.0, 0.003, 0.004]))
     )
+    q = configuration(problem.robot, problem.start)[0]
     with pytest.raises(InvalidInput, match=r"target\.path\[0\]\.position is 0\.005 m from"):
-        perform(PlanningTask(aside, SETTINGS))
+        FollowsPath().refuse_start(aside, q, SETTINGS)
 
 
 def straight(places: list[float], turn: float, tolerance: float) -> PlanningProblem:

@@ -108,6 +108,22 @@ def in_plane(field: str, vector: Array, off_plane: list[int], unit: str) -> Arra
     return kept
 
 
+def require_height(field: str, position: Array, height: float) -> None:
+    """Check that a place of the end effector has the height [m] that the table gives it.
+
+    Raises:
+        InvalidInput: It is further off than errors of a measurement.
+    """
+    if abs(position[2] - height) > MAX_HEIGHT_ERROR:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            field,
+            position.tolist(),
+            f"with robot.base planar the end effector stays at z = {height:.6g} m; "
+            f"{MAX_HEIGHT_ERROR:g} m beside it are let pass as an error of measurement",
+        )
+
+
 def flattened(quaternion_xyzw: Array) -> tuple[Array, float]:
     """Return the nearest attitude with z up or down, and the rotation angle to it [rad]."""
     upright = math.hypot(*quaternion_xyzw[2:]) >= math.hypot(*quaternion_xyzw[:2])

@@ -8,8 +8,7 @@ chaser little, and may follow a detour.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
-from itertools import chain, repeat
+from itertools import chain, cycle, repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,18 +45,13 @@ _SPANS, _MISSED = (8, 10, 12, 16, 20, 24, 32), 0.3
 
 def path_guesses(family: JointSplines) -> Iterator[Array]:
     """Yield splines along the path that a problem's end effector follows, without end."""
-    problem, still = family.problem, np.zeros(family.robot.joints)
+    problem, robot = family.problem, family.robot
     weighs = problem.objective.chaser_attitude > 0.0
     weights = _WEIGHTS_OF_LITTLE_TURN if weighs else _WEIGHTS
-    detours = (_DETOURS * normals / family.robot.joint_weights for normals in _drawn(family))
-    for number, aside in enumerate(chain(repeat(still, len(weights)), detours)):
-        weight = weights[number % len(weights)]
-        joints = _followed(problem, weight) if aside is still else _along(problem, weight, aside)
+    straight = repeat(np.zeros(robot.joints), len(weights))
+    for weight, aside in zip(cycle(weights), chain(straight, even_normals(robot.joints))):
+        joints = _along(problem, weight, _DETOURS * aside / robot.joint_weights)
         yield family.near(np.hstack([np.zeros((len(joints), 7)), joints]))
-
-
-def _drawn(family: JointSplines) -> Iterator[Array]:
-    return even_normals(family.robot.joints)
 
 
 def spans_along(problem: PlanningProblem, settings: PlannerSettings) -> tuple[int, Array]:
@@ -69,7 +63,7 @@ def spans_along(problem: PlanningProblem, settings: PlannerSettings) -> tuple[in
     path, robot = problem.path, problem.robot
     if path is None:
         raise ValueError("the problem has no path to follow")
-    joints = _followed(problem, _WEIGHTS[0])
+    joints = _along(problem, _WEIGHTS[0], np.zeros(robot.joints))
     allowed = path.position_tolerance / arm_reach(robot)
     if path.turns:
         allowed = min(allowed, path.orientation_tolerance)
@@ -89,11 +83,6 @@ def spans_along(problem: PlanningProblem, settings: PlannerSettings) -> tuple[in
     return (1 + weighs) * spans, basis.on_grid(1, 2)[0] @ controls
 
 
-@lru_cache(maxsize=8)
-def _followed(problem: PlanningProblem, weight: float) -> Array:
-    return _along(problem, weight, np.zeros(problem.robot.joints))
-
-
 def _along(problem: PlanningProblem, weight: float, aside: Array) -> Array:
     """Return joint positions at equal steps along a path. Shape (steps + 1, joints).
 
@@ -104,8 +93,7 @@ def _along(problem: PlanningProblem, weight: float, aside: Array) -> Array:
     robot = problem.robot
     q, v = configuration(robot, problem.start)
     curve = curve_of(problem)
-    count = len(curve.spline.x)
-    steps = min(max(_STEPS, _STEPS_EACH * count), _MOST_STEPS)
+    steps = min(max(_STEPS, _STEPS_EACH * len(curve.spline.x)), _MOST_STEPS)
     times = np.linspace(0.0, problem.duration, steps + 1)
     rates = _Rates(problem, weight, q, v)
     poses, step = curve.at(times), times[1]

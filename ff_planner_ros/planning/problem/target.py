@@ -25,7 +25,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.robot.configuration import configuration, eigen_quaternion
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR, MAX_TILT, flattened, in_plane
+from ff_planner_ros.robot.plane import MAX_TILT, flattened, in_plane, require_height
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.state import SystemState
 
@@ -146,15 +146,7 @@ def target_on_the_table(robot: Robot, start: SystemState, target: Target) -> Tar
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, *configuration(robot, start))
     tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    height = float(target.position[2] - tip.translation[2])
-    if abs(height) > MAX_HEIGHT_ERROR:
-        raise InvalidInput(
-            Status.OUT_OF_RANGE,
-            "target.position",
-            target.position.tolist(),
-            f"with robot.base planar the end effector stays at z = {tip.translation[2]:.6g} m; "
-            f"{MAX_HEIGHT_ERROR:g} m beside it are let pass as an error of measurement",
-        )
+    require_height("target.position", target.position, float(tip.translation[2]))
     if target.free_axis_in_ee is not None:
         target = _without_free_axis(tip.rotation @ target.free_axis_in_ee, target)
     if target.orientation is Orientation.FIXED:

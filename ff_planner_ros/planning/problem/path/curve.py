@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.quaternion import rotation_from_quaternion
+from ff_planner_ros.robot.quaternion import (
+    angle_of_quaternion,
+    quaternion_inverse,
+    quaternion_product,
+    rotation_from_quaternion,
+)
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -24,12 +29,12 @@ class Poses(NamedTuple):
     quaternions: Array | None  # shape (times, 4)
 
     def apart(self, other: Poses) -> tuple[float, float]:
-        """Return the largest distance [m] and angle [rad] to the poses of a curve near this one."""
+        """Return the largest distance [m] and angle [rad] to the poses of another curve."""
         place = np.linalg.norm(self.positions - other.positions, axis=1).max()
         if self.quaternions is None or other.quaternions is None:
             return float(place), 0.0
-        chord = np.linalg.norm(self.quaternions - other.quaternions, axis=1).max()
-        return float(place), float(4.0 * np.arcsin(min(chord / 2.0, 1.0)))
+        turns = quaternion_product(quaternion_inverse(self.quaternions), other.quaternions)
+        return float(place), float(angle_of_quaternion(turns).max())
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from ff_planner_ros.planning.problem.path.curve import PathCurve
 from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR
+from ff_planner_ros.robot.plane import require_height
 from ff_planner_ros.robot.state import SystemState
 
 if TYPE_CHECKING:
@@ -238,12 +238,13 @@ def followed_target(problem: PlanningProblem, path: PathToFollow) -> Target:
         raise InvalidInput(Status.OUT_OF_RANGE, "duration", found, allowed)
     refuse_grasps(problem, "with target.path it must be left out")
     if problem.robot.base is Base.PLANAR:
-        _require_in_plane(path, float(end_effector(problem.robot, problem.start)[0].translation[2]))
+        height = float(end_effector(problem.robot, problem.start)[0].translation[2])
+        for number, position in enumerate(path.positions):
+            require_height(f"target.path[{number}].position", position, height)
     end = _curve(path, problem.robot, problem.start).at(path.times[-1:])
-    quaternion = _UNTURNED if end.quaternions is None else end.quaternions[0]
     return Target(
         end.positions[0],
-        quaternion / np.linalg.norm(quaternion),
+        _UNTURNED if end.quaternions is None else end.quaternions[0],
         linear_velocity=end.twists[0, :3],
         angular_velocity=end.twists[0, 3:],
         linear_acceleration=end.accelerations[0, :3],
@@ -265,21 +266,3 @@ def refuse_grasps(problem: PlanningProblem, allowed: str) -> None:
     ):
         if given is not None:
             raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
-
-
-def _require_in_plane(path: PathToFollow, height: float) -> None:
-    """Refuse a point that is further from the plane of a table than errors of measurement explain.
-
-    Raises:
-        InvalidInput: It names the point.
-    """
-    aside = np.abs(path.positions[:, 2] - height)
-    number = int(aside.argmax())
-    if aside[number] > MAX_HEIGHT_ERROR:
-        raise InvalidInput(
-            Status.OUT_OF_RANGE,
-            f"target.path[{number}].position",
-            path.positions[number].tolist(),
-            f"with robot.base planar the end effector stays at z = {height:.6g} m; "
-            f"{MAX_HEIGHT_ERROR:g} m beside it are let pass as an error of measurement",
-        )
