@@ -26,6 +26,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.problem.path.curve import PathCurve
 from ff_planner_ros.planning.problem.path.followed import (
     PathPoint,
     PathToFollow,
@@ -114,9 +115,19 @@ def test_the_curve_passes_all_points_and_begins_with_the_end_effectors_twist() -
     np.testing.assert_allclose(curve.at(np.zeros(1)).twists[0], twist, atol=1e-12)
 
 
-def test_twists_and_accelerations_are_the_derivatives_of_the_curve() -> None:
-    problem = p2c()
-    curve, step = curve_of(problem), 1e-5
+def far_turns() -> PathCurve:
+    """Return a curve that turns by 80 deg between points, where quaternions fall short of 1."""
+    rotation, points = np.eye(3), []
+    for k, axis in enumerate(np.vstack([np.eye(3), -np.eye(3)])):
+        turned = pin.Quaternion(rotation).normalized().coeffs()
+        points.append(PathPoint(2.0 * k, 0.1 * axis, turned))
+        rotation = pin.exp3(np.radians(80.0) * axis) @ rotation
+    return PathToFollow(tuple(points)).curve()
+
+
+@pytest.mark.parametrize("curve", [curve_of(p2c()), far_turns()], ids=["tumbling", "far"])
+def test_twists_and_accelerations_are_the_derivatives_of_the_curve(curve: PathCurve) -> None:
+    step = 1e-5
     times = np.linspace(0.3, 9.7, 23)
     here, before, after = (curve.at(times + aside) for aside in (0.0, -step, step))
     rates = (after.positions - before.positions) / (2 * step)

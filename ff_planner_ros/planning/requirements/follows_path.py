@@ -36,6 +36,8 @@ _MARGIN, _GAP, _ROUNDING = 0.05, 0.02, 1e-6
 # Least number of points that may say how fast the first is passed, and how often the first interval
 # is looked at for that.
 _DENSE, _LOOKS = 5, 9
+# What a point of a path calls the two.
+_FIELDS = {"position": "position", "orientation": "quaternion_xyzw"}
 
 
 class FollowsPath(Requirement):
@@ -55,7 +57,7 @@ class FollowsPath(Requirement):
             if away > error.tolerance:
                 raise InvalidInput(
                     Status.START_OUTSIDE_LIMITS,
-                    f"target.path[0].{error.field}",
+                    f"target.path[0].{_FIELDS[error.kind]}",
                     f"{away:.6g} {error.unit} from the end effector at the start",
                     f"the path must begin where the end effector is, within {error.tolerance:g} "
                     f"{error.unit}",
@@ -106,7 +108,7 @@ class FollowsPath(Requirement):
         times, *motion = samples.followed_to_goal
         for error in _errors(problem, problem.path, times, *motion):
             least = _least(times, error)
-            found[error.metric] = error.tolerance - least.found
+            found[f"max_path_{error.kind}_error"] = error.tolerance - least.found
             if least.certified < -_ROUNDING * error.tolerance:
                 failures.append(_failure(samples, error, least))
         return Assessment(found, failures)
@@ -151,8 +153,7 @@ class _Error(NamedTuple):
     vectors: Array  # from the path to the end effector; shape (times, 3)
     rates: Array  # their derivatives by time; shape (times, 3)
     tolerance: float
-    metric: str
-    field: str
+    kind: str  # position or orientation
     unit: str
 
 
@@ -177,19 +178,16 @@ def _errors(
         errors[2, k] = twist.linear - poses.twists[k, :3]
         if poses.rotations is not None:
             wanted = poses.rotations[k]
-            turn, spin = wanted.T @ tip.rotation, twist.angular - poses.twists[k, 3:]
-            errors[1, k] = vector = wanted @ pin.log3(turn)
-            errors[3, k] = wanted @ pin.Jlog3(turn) @ tip.rotation.T @ spin
+            turned, spin = wanted.T @ tip.rotation, twist.angular - poses.twists[k, 3:]
+            errors[1, k] = vector = wanted @ pin.log3(turned)
+            errors[3, k] = wanted @ pin.Jlog3(turned) @ tip.rotation.T @ spin
             errors[3, k] += np.cross(poses.twists[k, 3:], vector)
     # On a table neither the height nor a tilt counts.
-    counts = np.isin(range(6), robot.base.tip_rows).reshape(2, 3)
-    kinds = (
-        (path.position_tolerance, "max_path_position_error", "position", "m"),
-        (path.orientation_tolerance, "max_path_orientation_error", "quaternion_xyzw", "rad"),
-    )
-    for number, (which, kind) in enumerate(zip(counts, kinds, strict=True)):
-        if number == 0 or path.turns:
-            yield _Error(which * errors[number], which * errors[2 + number], *kind)
+    place, turn = np.isin(range(6), robot.base.tip_rows).reshape(2, 3)
+    yield _Error(place * errors[0], place * errors[2], path.position_tolerance, "position", "m")
+    if path.turns:
+        most = path.orientation_tolerance
+        yield _Error(turn * errors[1], turn * errors[3], most, "orientation", "rad")
 
 
 def _least(times: Array, error: _Error) -> Least:
@@ -206,8 +204,7 @@ def _least(times: Array, error: _Error) -> Least:
 def _failure(samples: Samples, error: _Error, least: Least) -> Failure:
     """Return the failure of an error that exceeds its tolerance, or may."""
     when = samples.at(least.time)
-    kind = "position" if error.unit == "m" else "orientation"
-    allowed = f"allowed is {error.tolerance:.4g} {error.unit}"
+    kind, allowed = error.kind, f"allowed is {error.tolerance:.4g} {error.unit}"
     words = f"the end effector is {error.tolerance - least.found:.4g} {error.unit} off the path"
     if least.found >= 0.0:
         words = (
