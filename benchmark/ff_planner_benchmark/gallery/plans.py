@@ -62,6 +62,11 @@ TASKS: dict[str, tuple[Task, ...]] = {
     "P5": (
         Task("p5_circle_300", "circle, 300 kg", "largest turn 0.198 deg, 0.162 mm RMS"),
         Task("p5_circle_30", "circle, 30 kg", "largest turn 1.94 deg, 49.7 mm RMS"),
+        Task(
+            "p5_circle_30_wide",
+            "circle, 30 kg, within 49.7 mm",
+            "largest turn 1.94 deg, 49.7 mm RMS",
+        ),
     ),
     "P6": (
         Task("p6_end", "to the end of the half circle, free path", ""),

@@ -57,6 +57,9 @@ PROBLEMS: dict[str, Problem] = {
         "nothing",
         ("srs_arm",),
         "their resolved-rate law, in their Euler steps of 10 ms",
+        "One joint is to spare, and the law that is published, of nearly the least joint rates, is "
+        "close to the best: of motions with detours, which no check had passed, the least turn was "
+        "2.43 deg; of checked plans it is the one below.",
     ),
     "P4": Problem(
         "Basilisk's robotic arm",
@@ -77,8 +80,11 @@ PROBLEMS: dict[str, Problem] = {
         " recomputed, in position alone; not the mode with attitude",
         ("compliance_30", "compliance_300", "compliance_3000"),
         "forward dynamics with their servos and motors, their laws at 100 Hz",
-        "Two points of 0.45 m, along +z and -y, lie 1.16 m from the shoulder, and the arm is "
-        "1.09 m long.",
+        "The axis of joint 7 passes through the end effector and its link weighs little: six "
+        "joints are left for six conditions, the place on the circle and a chaser at rest, so that "
+        "there is one reactionless motion, and it runs into joint limits. At 300 kg plans within "
+        "0.16 mm were found down to 0.15 deg, none at 0.1. Two points of 0.45 m, along +z and -y, "
+        "lie 1.16 m from the shoulder, and the arm is 1.09 m long.",
     ),
     "P6": Problem(
         "Planar arm from full stretch: learning agents",
