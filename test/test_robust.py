@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import robots
 import yaml
+from published_paths import p6
 from shaped_problems import among_cubes
 
 from ff_planner_ros.cli import main
@@ -20,16 +21,18 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import (
+    ChaserGoal,
     Limits,
     Obstacle,
     Parametrisation,
     PlanningProblem,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS
+from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, RobustSettings
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.notes import notes_on
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import (
     PlanningTask,
@@ -139,6 +142,22 @@ def test_limits_that_have_no_margin_are_told_in_the_answer() -> None:
     with pytest.raises(NoPlanFound, match=rf"^link_2 is in c1; {words}$"):
         perform(limited, method=without_search(refuse))
     assert perform(task).notes == perform(asking(limited, 0.0)).notes == ()
+
+
+def test_goals_that_have_no_margin_are_told_in_the_answer() -> None:
+    task = task_of("lemur_capture", sigmas=3.0)
+
+    def told(**goal: object) -> tuple[str, ...]:
+        return notes_on(replace(task.problem, **goal), task.settings)
+
+    words = "planner.robust keeps no margin on target"
+    start = task.problem.start.quaternion_chaser_to_inertial_xyzw
+    kept = ChaserGoal(quaternion_xyzw=start, tolerance=0.1)
+    assert told(chaser_goal=ChaserGoal(rotation=0.1)) == (f"{words}.chaser_rotation",)
+    assert told(chaser_goal=kept) == (f"{words}.chaser_quaternion_xyzw",)
+    path = p6()
+    assert notes_on(path, task.settings) == (f"{words}.path",)
+    assert notes_on(path, replace(task.settings, robust=RobustSettings())) == ()
 
 
 def test_no_deviations_asked_for_is_the_plain_task_whatever_the_errors() -> None:

@@ -58,6 +58,11 @@ def _without_margin(problem: PlanningProblem) -> Iterator[str]:
             yield f"limits.{name}"
     if problem.camera is not None:
         yield "camera"
+    if problem.path is not None:
+        yield "target.path"
+    if np.isfinite(problem.chaser_goal.most):
+        wanted = problem.chaser_goal.quaternion_xyzw
+        yield "target.chaser_rotation" if wanted is None else "target.chaser_quaternion_xyzw"
     yield from (f"requirements.{one.name}" for one in problem.requirements)
 
 
