@@ -36,9 +36,7 @@ class Turning(StrEnum):
 
     FREE = "free"
     KEPT = "kept"  # as at the start
-    CARRIED = (
-        "carried"  # it turns with the circle, so that a camera looks at the centre all the way
-    )
+    CARRIED = "carried"  # round with the circle, so that a camera looks at the centre all the way
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +94,8 @@ class CircleToFollow:
         points = []
         for s in np.linspace(0.0, 1.0, count).tolist():
             turned = pin.exp3(angle * s**3 * (10.0 - 15.0 * s + 6.0 * s**2) * self.axis)
-            rotation = (
-                turned @ pose.rotation if self.orientation == Turning.CARRIED else pose.rotation
-            )
-            quaternion = pin.Quaternion(rotation).normalized().coeffs()
+            carried = turned if self.orientation == Turning.CARRIED else np.eye(3)
+            quaternion = pin.Quaternion(carried @ pose.rotation).normalized().coeffs()
             points.append(PathPoint(s * duration, self.center + turned @ arm, quaternion))
         if self.orientation == Turning.FREE:
             points = [replace(one, quaternion_xyzw=None) for one in points]
