@@ -91,7 +91,8 @@ def test_a_command_runs(answer: Path, arguments: tuple[str, ...], printed: str) 
         (("info", GOLDEN_BAG), "5 SOLVED"),
         (("info", str(Path(GOLDEN_BAG).parent)), "5 solved"),
         (("verify", GOLDEN_BAG), "verdict: passed"),
-        (("replay", GOLDEN_BAG), "7 identical, 4 not planned"),
+        # Another processor than the bag's may round otherwise: some are within tolerance there.
+        (("replay", GOLDEN_BAG), ", 4 not planned; planning took"),
         (("replay", GOLDEN_BAG, "--set", "planner.starts=1"), "SOLVED > SOLVED"),
         (("report", GOLDEN_BAG, "--output", "bag.html"), "bag.html"),
         (("export", GOLDEN_BAG, "--csv", "tables"), ""),
