@@ -162,12 +162,12 @@ def _move(place: Array, element: Element) -> None:
         return
     vector = given[:3].reshape(3)
     if element.tag == "translate":
-        place[:3, 3] += place[:3, :3] @ vector
+        place[:, 3] += place[:, :3] @ vector
     elif element.tag == "scale":
-        place[:3, :3] *= vector
+        place[:, :3] *= vector
     else:
         turn = pin.AngleAxis(math.radians(given[3]), _unit_vector(vector)).matrix()
-        place[:3, :3] = place[:3, :3] @ turn
+        place[:, :3] = place[:, :3] @ turn
 
 
 def _unit_vector(vector: Array) -> Array:

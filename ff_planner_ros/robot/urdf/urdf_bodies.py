@@ -260,7 +260,11 @@ def _impossible(weight: Weight, least: float) -> Fault | None:
     smallest, middle, largest = np.linalg.eigvalsh(weight.inertia)
     value = f"of principal moments {_moments(weight)}"
     if smallest < least:
-        return "inertia", value, "all three must be positive: see option inertia"
+        return (
+            "inertia",
+            value,
+            f"all three must be positive, >= {SMALLEST:g}: see option inertia",
+        )
     if largest > (smallest + middle) * (1.0 + TRIANGLE_TOLERANCE):
         return (
             "inertia",
