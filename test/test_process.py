@@ -6,17 +6,22 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from functools import partial
 from typing import Any
-from unittest.mock import Mock
+from unittest.mock import Mock, patch
 
 import pytest
 import rclpy
-from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from ff_planner_msgs.action import PlanTrajectory
+from rclpy.action import ActionServer
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.task import Future as RosFuture
 from ros_processes import DEADLINE, private_domain
+from std_msgs.msg import String
 
-from ff_planner_ros.ros.process import ask, spin_in_background
+from ff_planner_ros.ros.process import CallbackExecutor, ask, spin_in_background
 
 # The signal comes in the other thread, as the main one blocks it.
 WAITING = """
@@ -32,7 +37,7 @@ print(stop.is_set())
 
 # By default as many threads as cores, and with one a warning.
 EXECUTORS = pytest.mark.parametrize(
-    "new_executor", [SingleThreadedExecutor, partial(MultiThreadedExecutor, num_threads=2)]
+    "new_executor", [SingleThreadedExecutor, partial(CallbackExecutor, num_threads=2)]
 )
 
 
@@ -105,6 +110,70 @@ def test_stopping_waits_for_the_callback_that_has_begun(new_executor: Any) -> No
         stopper.join(DEADLINE)
         rclpy.shutdown()
     assert events == ["the callback's end", "stopped"]
+
+
+def _an_action_server(node: Node) -> Callable[[], None]:
+    return _action_server(node).destroy
+
+
+def _action_server(node: Node) -> ActionServer:
+    return ActionServer(node, PlanTrajectory, "an_action", Mock())
+
+
+def _a_subscription(node: Node) -> Callable[[], object]:
+    """Its event of another quality of service is waited for like an action server."""
+    return partial(
+        node.destroy_subscription,
+        node.create_subscription(String, "a_topic", Mock(), 1),
+    )
+
+
+@pytest.mark.parametrize("create", [_an_action_server, _a_subscription])
+def test_what_is_destroyed_while_the_executor_lists_it_is_left_out(
+    create: Callable[[Node], Callable[[], object]],
+) -> None:
+    """As when another thread does that: the executor has listed it, and has not locked it yet."""
+    destroyed, goes_on = threading.Event(), threading.Event()
+    with private_domain():
+        rclpy.init(args=[])
+        node, logger = rclpy.create_node("test"), Mock()
+        _a_subscription(node)
+        listed_first = next(iter(node.waitables))
+        destroy, count = create(node), listed_first.get_num_entities
+
+        def destroy_the_next() -> Any:
+            if not destroyed.is_set():
+                destroyed.set()
+                destroy()
+            return count()
+
+        node.create_timer(0.001, lambda: goes_on.set() if destroyed.is_set() else None)
+        executor = CallbackExecutor(num_threads=2)
+        executor.add_node(node)
+        with patch.object(listed_first, "get_num_entities", destroy_the_next):
+            stop = spin_in_background(executor, logger)
+            goes_on.wait(DEADLINE)
+            stop()
+        rclpy.shutdown()
+    assert goes_on.is_set()
+    logger.error.assert_not_called()
+
+
+def test_an_executor_that_cannot_wait_says_so() -> None:
+    """Nobody destroyed what it cannot wait for: it fails whenever it looks."""
+    told, logger = threading.Event(), Mock()
+    logger.error.side_effect = lambda _: told.set()
+    with private_domain():
+        rclpy.init(args=[])
+        node = rclpy.create_node("test")
+        _action_server(node)._handle.destroy_when_not_in_use()
+        executor = CallbackExecutor(num_threads=2)
+        executor.add_node(node)
+        stop = spin_in_background(executor, logger)
+        told.wait(DEADLINE)
+        stop()
+        rclpy.shutdown()
+    assert "action server pointer is invalid" in logger.error.call_args_list[0].args[0]
 
 
 def test_a_question_is_asked_in_the_thread_that_takes_the_answers() -> None:

@@ -11,14 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.executors import MultiThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from ff_planner_ros.common.shown import in_log
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.ros.planner_node import PlannerNode
-from ff_planner_ros.ros.process import StopRequest, joining_ros, security_gap, spin_in_background
+from ff_planner_ros.ros.process import (
+    CallbackExecutor,
+    StopRequest,
+    joining_ros,
+    security_gap,
+    spin_in_background,
+)
 from ff_planner_ros.ros.requests.solver import Solver
 
 # One plans, one waits for it to make room, one cancels, one streams, one tells how the node is, one
@@ -60,7 +65,7 @@ def _run(stop: StopRequest, arguments: list[str]) -> int:
             node.get_logger().warning(gap)
         for words in not_taken(arguments, node.get_fully_qualified_name()):
             node.get_logger().warning(in_log(words))
-        executor = MultiThreadedExecutor(num_threads=_THREADS)
+        executor = CallbackExecutor(num_threads=_THREADS)
         executor.add_node(node)
         try:
             if node.get_parameter("autostart").value and not _started(node):

@@ -10,10 +10,16 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future as RosFuture
 
@@ -24,6 +30,8 @@ _ENABLE, _STRATEGY, _KEYSTORE = (
     f"ROS_SECURITY_{name}" for name in ("ENABLE", "STRATEGY", "KEYSTORE")
 )
 _DEMANDED, _ENFORCED = "true", "Enforce"
+# So often the executor looks anew at what there is; a transition destroys a few entities at once.
+_LOOKS = 100
 
 
 @contextmanager
@@ -92,6 +100,21 @@ class StopRequest:
         """Block the main thread until one of the signals arrives."""
         while not self._has_come:
             self._bytes.recv(1)
+
+
+class CallbackExecutor(MultiThreadedExecutor):
+    """rclpy's executor of several threads, for a node that destroys entities in its callbacks.
+
+    rclpy 7.1 lists the entities, and then adds them to what it waits for: an action server or an
+    event of a subscription that a callback destroys in between makes it raise.
+    """
+
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
+        """Return the next callback as rclpy does, of the entities that are left."""
+        for _ in range(_LOOKS):
+            with suppress(rclpy_implementation.RCLError, rclpy_implementation.InvalidHandle):
+                return super().wait_for_ready_callbacks(*args, **kwargs)
+        return super().wait_for_ready_callbacks(*args, **kwargs)
 
 
 def spin_in_background(executor: Executor, logger: RcutilsLogger) -> Callable[[], None]:
