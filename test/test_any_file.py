@@ -376,7 +376,7 @@ def test_mutated_scenarios_are_planned_or_refused(
     assert codes >= {2, 3}
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_mutated_answers_are_taken_or_refused(
     answer: dict[str, Any],
     tmp_path: Path,
@@ -396,7 +396,7 @@ def test_mutated_answers_are_taken_or_refused(
     assert 2 in codes
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_mutated_bags_are_read_or_refused(
     offline_bag: Path, tmp_path: Path, run: Run, times: Callable[[int, int], int], nightly: bool
 ) -> None:

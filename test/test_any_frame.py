@@ -213,6 +213,7 @@ def test_a_plan_does_not_depend_on_the_frame(name: str) -> None:
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "objective"),
     [

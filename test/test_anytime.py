@@ -145,7 +145,7 @@ def test_of_plans_that_are_offered_the_best_is_kept_and_not_the_last(lemur_plan:
     assert watch.offered == [offered[0], offered[1], offered[4]]
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 @pytest.mark.law("NODE-11")
 def test_whatever_the_clock_decided_the_effort_gives_it_again(
     times: Callable[[int, int], int],

@@ -110,6 +110,7 @@ def in_ci(*case: Any) -> ParameterSet:
     return pytest.param(*case, marks=pytest.mark.ci)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [

@@ -72,6 +72,7 @@ def test_a_bag_has_the_bodies_and_replays_to_the_last_bit(
 NEAR = (0, 1, 5, 6)
 
 
+@pytest.mark.sampled
 @pytest.mark.law("BAG-02")
 @pytest.mark.parametrize("number", NEAR)
 @pytest.mark.parametrize("sigmas", [0.0, 3.0])

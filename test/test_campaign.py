@@ -70,6 +70,7 @@ def ids(directory: Path) -> list[str]:
     return found
 
 
+@pytest.mark.ci
 @pytest.mark.law("FILE-06")
 def test_two_workers_write_the_rows_that_one_process_computes(on_two: Path, tmp_path: Path) -> None:
     expected = {case.id: run_case(case).row for case in cases(study(tmp_path))}
@@ -82,8 +83,8 @@ def test_two_workers_write_the_rows_that_one_process_computes(on_two: Path, tmp_
     assert {row["solved"] for row in rows.values() if row["method"] == "ours"} == {True}
 
 
+@pytest.mark.nightly
 @pytest.mark.law("FILE-06")
-@pytest.mark.ci
 def test_any_number_of_workers_of_a_cluster_of_its_own_writes_the_same_bits(
     on_two: Path, tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
@@ -143,7 +144,7 @@ def end(server: subprocess.Popen[str]) -> None:
     server.communicate()
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_a_scheduler_that_is_killed_and_started_again_costs_and_doubles_no_row(
     on_two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,6 +174,7 @@ def test_a_scheduler_that_is_killed_and_started_again_costs_and_doubles_no_row(
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @pytest.mark.parametrize("fails", ["nthreads", "submit", "result"])
 def test_a_scheduler_that_goes_away_in_between_costs_no_case(
     fails: str, scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -101,6 +101,7 @@ def test_keys_are_others_in_each_run_and_gone_after_it() -> None:
     assert not any("PRIVATE KEY" in value for value in os.environ.values())
 
 
+@pytest.mark.ci
 def test_a_campaign_plans_with_keys(tmp_path: Path) -> None:
     asked = study(tmp_path, variations={}, methods=[{"name": "ours"}])
     done = run_campaign(asked, tmp_path / "out", workers=1)

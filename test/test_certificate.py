@@ -56,6 +56,7 @@ def test_no_attached_sphere_accelerates_more_than_its_bound(seed: int) -> None:
     assert resting.motion.highest_acceleration(0.0) == 0.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["free2", "free7", "planar3", "sliding1", "sliding4", "coupled8"])
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("pace", [1.0, 4.0])

@@ -171,6 +171,7 @@ BESIDE: dict[str, PlanningProblem] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", BESIDE)
 def test_beside_any_goal_the_chaser_ends_as_it_began(name: str) -> None:
     problem = BESIDE[name]

@@ -114,6 +114,7 @@ PROBLEMS: dict[str, Callable[[], PlanningProblem]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-11")
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_whatever_is_planned_keeps_it_at_all_times(name: str) -> None:

@@ -253,6 +253,7 @@ def test_a_pin_between_two_points_is_found_though_every_point_is_clear(problem, 
     assert certified_clearance(problem.robot, q, v, times, [pin_head]) < 0.0
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-09")
 @pytest.mark.parametrize("seed", range(8))
 def test_the_certified_clearance_is_a_tight_lower_bound(problem, sound, seed):

@@ -581,7 +581,7 @@ def without_ros(*arguments):
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_planning_and_verifying_need_no_ros(tmp_path):
     answer = tmp_path / "answer.json"
     planned = without_ros("plan", CAPTURE, "--json", answer)

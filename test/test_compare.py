@@ -89,7 +89,7 @@ def test_the_papers_capture_gives_table_ratios_figures_and_scene(
     assert str(tmp_path / "new" / "scene.html") in printed
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_where_a_method_fails_the_others_are_compared_all_the_same(
     scenario: Callable[..., Path],
     tmp_path: Path,

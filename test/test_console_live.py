@@ -263,6 +263,7 @@ def test_a_scenario_that_cannot_be_read_is_refused_before_a_page_is_served(tmp_p
         live_page("nobody", tmp_path / "none.yaml", 0.5, [])
 
 
+@pytest.mark.nightly
 def test_a_lost_node_is_told_and_found_again(
     planner: PlannerProcess, world: World, console: Console, tmp_path_factory: Any
 ) -> None:

@@ -146,6 +146,7 @@ def answers(arm: Robot, group: Group) -> tuple[dict[str, OfCore], dict[str, Dist
     return core, checked
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("other", KINDS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_solids_are_as_far_apart_as_bounds_on_both_sides_say(

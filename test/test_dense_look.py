@@ -142,6 +142,7 @@ PROBLEMS: dict[str, Callable[[], PlanningProblem]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-09")
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_no_time_shows_less_than_is_certified_and_hardly_more_at_the_nearest(name: str) -> None:

@@ -244,7 +244,7 @@ def points_of(motions: list[Motion]) -> list[tuple[Robot, Array, Array, Array]]:
     ]
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_the_torques_of_a_plan_are_those_of_eq_20_without_a_wrench_on_the_chaser(
     lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:

@@ -128,7 +128,7 @@ def within(metres: float, degrees: float, error: dict[str, float]) -> bool:
     return error["position"] < metres and error["angle"] < math.radians(degrees)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 @pytest.mark.usefixtures("world")
 def test_a_testbed_with_faults_makes_a_difference_that_is_seen(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
@@ -141,7 +141,7 @@ def test_a_testbed_with_faults_makes_a_difference_that_is_seen(tmp_path: Path) -
     assert report["worst_chaser_error"]["position"] > 0.02
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_a_planner_in_a_namespace_is_flown_from_there(tmp_path: Path) -> None:
     scenario, names = quick_capture(tmp_path), ("--ros-args", "-r", "__ns:=/chaser_1")
     with private_domain(), running_planner(tmp_path, *names[1:], *PATIENT):

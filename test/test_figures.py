@@ -279,7 +279,7 @@ def test_curves_of_joints_fill_their_panels_and_limits_far_away_do_not_press_the
             assert np.ptp(values) > 0.85 * (high - low)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_every_figure_is_written_as_png_and_dateless_pdf_into_a_new_directory(
     lemur_capture: PlanningProblem, plans: dict[Method, Plan], tmp_path: Path
 ) -> None:

@@ -29,6 +29,7 @@ from ff_planner_ros.simulation.verification import verify
 SETTINGS = load_parameters().planner
 
 
+@pytest.mark.ci
 @pytest.mark.law("PLAN-10")
 def test_nothing_touches_in_mujoco_and_distances_are_as_planned(
     times: Callable[[int, int], int],

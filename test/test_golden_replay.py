@@ -89,6 +89,7 @@ def test_an_exported_task_of_a_golden_bag_gives_the_plan_of_its_replay(
     capsys.readouterr()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", SEEDS)
 def test_damaged_messages_and_documents_never_end_in_a_traceback(
     seed: int,

@@ -56,6 +56,7 @@ def second_moments(inertia: Array) -> Array:
     return np.linalg.eigvalsh(np.trace(inertia) / 2.0 * np.eye(3) - inertia)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(30))
 def test_the_nearest_possible_inertia_is_the_nearest(seed: int) -> None:
     """Against a search over all densities: S = L L^T is any that has no negative moments."""

@@ -131,6 +131,7 @@ def test_files_of_a_target_are_refused_that_are_too_large_together(tmp_path: Pat
     assert str(refused.value).count(words) == 1
 
 
+@pytest.mark.sampled
 @pytest.mark.law("FILE-02")
 @pytest.mark.parametrize("kind", BY_TIER)
 @IN_THE_WAY
@@ -266,6 +267,7 @@ def message_of(points: Array, triangles: int = 0) -> Obstacle:
     return Obstacle(id=NAME, mesh=[Mesh(vertices=vertices, triangles=faces)])
 
 
+@pytest.mark.sampled
 @pytest.mark.law("FILE-02")
 @pytest.mark.parametrize("cloud", CLOUDS)
 def test_a_message_with_all_vertices_that_it_may_have_is_hulled_within_a_meshs_limits(

@@ -30,6 +30,7 @@ def deviations(rows: tuple[ModelError, ...], cause: str) -> list[Deviation]:
     return found
 
 
+@pytest.mark.nightly
 def test_every_cause_has_one_row(rows: tuple[ModelError, ...]) -> None:
     assert len({row.cause for row in rows}) == len(rows) == 20
 

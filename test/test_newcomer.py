@@ -282,6 +282,7 @@ def facts(loaded: Any) -> Any:
     return [repr(one) for one in loaded] if isinstance(loaded, list) else repr(loaded)
 
 
+@pytest.mark.sampled
 @annotated("AnyPath")
 def test_a_path_may_be_text_or_any_path(
     name: str, parameter: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -25,6 +25,7 @@ from ff_planner_ros.ros.node import not_taken
 in_ci = partial(pytest.param, marks=pytest.mark.ci)  # each starts a node
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -61,6 +61,7 @@ def ignore(client: Client, topic: str) -> None:
             client.node.destroy_subscription(one)
 
 
+@pytest.mark.nightly
 @pytest.mark.law("NODE-18")
 def test_the_node_costs_little_idle_and_with_states_at_a_hundred_hertz(
     planner: PlannerProcess,

@@ -213,6 +213,7 @@ def test_a_plan_that_is_to_end_in_motion_is_brought_to_its_end(tmp_path: Path) -
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("tolerances", "off", "code"),
     [

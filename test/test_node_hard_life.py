@@ -186,8 +186,8 @@ SPOILS: tuple[Spoil, ...] = (
 )
 
 
+@pytest.mark.nightly
 @pytest.mark.law("NODE-16")
-@pytest.mark.ci
 def test_huge_arrays_leave_nothing_behind(
     planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:
@@ -352,7 +352,7 @@ def test_a_client_that_dies_while_it_is_planned_for_harms_nobody_and_its_plan_go
     assert "a callback failed" not in planner.log
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
     tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:

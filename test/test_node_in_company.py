@@ -44,7 +44,7 @@ SPEED, BEGINS = 10.0, 1000.0  # of the simulated clock, and where it begins [s]
 TICK = 0.005  # [s] of the host
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_two_planners_in_one_domain_keep_to_their_namespaces(tmp_path: Path) -> None:
     scene, paths = Scene(resting_capture()), [tmp_path / name for name in ("one", "two")]
     for path in paths:
@@ -122,6 +122,7 @@ def test_a_node_that_is_renamed_and_remapped_works_and_its_bag_replays(tmp_path:
     assert main(["replay", str(planner.bag)]) == 0
 
 
+@pytest.mark.nightly
 def test_a_node_that_is_started_twice_by_mistake_is_told_and_the_one_left_goes_on(
     tmp_path: Path,
 ) -> None:
@@ -153,6 +154,7 @@ def test_a_node_that_is_started_twice_by_mistake_is_told_and_the_one_left_goes_o
     assert [bool(read_bag(one.bag)) for one in (first, again)] == [True, True]
 
 
+@pytest.mark.ci
 def test_a_quality_of_service_is_offered_and_recorded_as_the_parameters_say(
     tmp_path: Path,
 ) -> None:

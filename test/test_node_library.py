@@ -110,6 +110,7 @@ def test_a_node_plans_from_its_library_and_the_bag_replays_without_it(
     assert main(["replay", str(bag), "--set", f"planner.library={tmp_path}"]) == 2
 
 
+@pytest.mark.nightly
 def test_a_plan_that_is_written_to_a_bag_keeps_its_first_guess(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -162,8 +162,8 @@ def test_a_robot_that_cannot_be_loaded_leaves_it_unconfigured_and_can_be_set_rig
     assert "finger" in planner.log
 
 
+@pytest.mark.nightly
 @pytest.mark.law("NODE-14")
-@pytest.mark.ci
 def test_it_goes_through_its_states_again_and_again_without_growing(
     planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:

@@ -78,6 +78,7 @@ def all_at_once(
     return [future.result() for future in futures]
 
 
+@pytest.mark.ci
 @pytest.mark.law("NODE-01")
 def test_every_one_of_many_requests_at_once_is_answered(
     planner: PlannerProcess,
@@ -97,6 +98,7 @@ def test_every_one_of_many_requests_at_once_is_answered(
     assert "a callback failed" not in planner.log
 
 
+@pytest.mark.nightly
 @pytest.mark.law("NODE-01")
 @pytest.mark.parametrize(
     ("kind", "name"),

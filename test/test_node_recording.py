@@ -72,6 +72,7 @@ def _bag_metadata(bag: Path) -> dict[str, Any]:
     return yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
 
 
+@pytest.mark.ci
 def test_an_operator_splits(tmp_path: Path) -> None:
     request = Scene(resting_capture()).complete_request()
     with private_domain(), running_planner(tmp_path, *OFTEN) as planner:

@@ -459,6 +459,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run
 
 
+@pytest.mark.sampled
 @pytest.mark.law("NODE-07")
 @pytest.mark.parametrize("name", CASES)
 def test_a_request_is_refused_with_its_cause(run: Run, name: str) -> None:

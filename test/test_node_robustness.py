@@ -38,7 +38,7 @@ ARGUMENTS = (
 )
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
     tmp_path: Path,
 ) -> None:

@@ -58,6 +58,7 @@ def exact_distance(
     return float(coal.distance(first, places[0], second, places[1], request, result))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("other", ["box", "cylinder", "capsule", "sphere", "mesh"])
 def test_random_solids_are_as_far_apart_as_coal_says(
@@ -250,6 +251,7 @@ def certified_motion(seed: int) -> Certified:
     return Certified(robot, motion, obstacles, each, dense.min(axis=0))
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-09")
 @pytest.mark.parametrize("part", [0.02, 0.5])
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])

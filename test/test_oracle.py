@@ -14,6 +14,7 @@ def test_every_golden_number_is_of_an_integration() -> None:
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", list(integrations()))
 def test_integrated_anew_a_system_ends_in_its_golden_numbers(name: str) -> None:
     assert off(integrations()[name](), golden(name)) < 3e-10, (

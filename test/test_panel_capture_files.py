@@ -242,6 +242,7 @@ def test_its_bag_alone_gives_the_same_plan_again(
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @FILES
 def test_nothing_but_what_it_grasps_is_touched_in_mujoco(
     format_: str, meshes: bool, tmp_path: Path

@@ -232,6 +232,7 @@ def with_duration(program: PathProgram) -> PathProgram:
     return replace(program, family=program.family.lasting(problem, motion))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=pytest.mark.ci) if name in ONCE_MORE else name for name in PROBLEMS],

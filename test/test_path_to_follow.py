@@ -208,6 +208,7 @@ def test_the_rates_of_errors_are_their_derivatives(base: Base) -> None:
         np.testing.assert_allclose(error.rates[1], difference, atol=1e-8)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["tumbling", "circle", "half circle", "short circle"])
 def test_plans_follow_published_paths_between_their_points_too(name: str) -> None:
     problem, plan = planned(name)

@@ -245,7 +245,7 @@ def test_its_bag_replays_to_the_last_bit(task: PlanningTask, plan: Plan, tmp_pat
     assert len(recorded.answer.plans) == len(replayed.again.phases) == 3
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_a_report_of_its_bag_draws_each_phase_with_what_it_holds(
     task: PlanningTask, plan: Plan, tmp_path: Path
 ) -> None:
@@ -270,6 +270,7 @@ def test_a_report_of_its_bag_draws_each_phase_with_what_it_holds(
         assert f'id="{part}-scene"' in page
 
 
+@pytest.mark.ci
 def test_the_json_has_the_whole_motion_and_each_phase(
     task: PlanningTask, plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

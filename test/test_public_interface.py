@@ -54,7 +54,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
     assert not [name for name in loaded if name.startswith("ff_planner_ros.")]
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_the_example_plans_draws_and_verifies(tmp_path: Path) -> None:
     example = SOURCE_TREE / "examples" / "plan_in_python.py"
     done = subprocess.run(

@@ -109,6 +109,7 @@ def test_on_main_with_nothing_changed_it_is_the_last_commit(project: Path) -> No
     assert chosen(project) == ["test_core.py"]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("named", "tests"),
     [

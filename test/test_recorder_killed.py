@@ -59,6 +59,7 @@ def _left(bag: Path) -> list[tuple[int, int]]:
     return left
 
 
+@pytest.mark.sampled
 @pytest.mark.law("BAG-05")
 @pytest.mark.parametrize("number", range(KILLS))
 def test_only_the_last_flush_interval_is_lost(killed: Path, number: int) -> None:
@@ -70,6 +71,7 @@ def test_only_the_last_flush_interval_is_lost(killed: Path, number: int) -> None
     assert {n for n, stamp in published.items() if stamp <= until} <= {n for n, _ in left}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("number", range(KILLS))
 def test_a_killed_recording_is_recovered_to_a_bag_that_others_read(
     killed: Path, tmp_path: Path, number: int

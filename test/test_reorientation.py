@@ -158,6 +158,7 @@ GOALS = {"any orientation": "lemur_capture", "a moving grasp": "lemur_tumbling"}
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @pytest.mark.parametrize("turn", [None, [0.02, -0.015, 0.01]], ids=["as at the start", "turned"])
 @pytest.mark.parametrize("goal", GOALS)
 def test_a_crooked_chaser_that_drifts_is_led_to_its_attitude(

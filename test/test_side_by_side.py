@@ -183,6 +183,7 @@ SEARCH = """
 """
 
 
+@pytest.mark.ci
 @NEEDS_TWO_CORES
 @pytest.mark.law("PLAN-23")
 def test_no_plan_depends_on_the_number_of_processes() -> None:
@@ -200,6 +201,7 @@ def test_no_plan_depends_on_the_number_of_processes() -> None:
     )
 
 
+@pytest.mark.nightly
 @NEEDS_TWO_CORES
 @pytest.mark.law("NODE-11")
 def test_whatever_the_clock_ended_among_parts_the_effort_gives_it_again(

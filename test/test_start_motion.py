@@ -223,6 +223,7 @@ def test_momentum_and_the_end_effector_s_way_do_not_depend_on_null_space_motion(
 # Plans.
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-01")
 @pytest.mark.parametrize(
     "objective",

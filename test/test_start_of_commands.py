@@ -86,6 +86,7 @@ def test_a_command_loads_nothing_that_it_does_not_use(
     assert not loaded_by(*arguments, cwd=tmp_path) & unused
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("options", [(), ATTITUDE, SPLINES], ids=["", "attitude", "splines"])
 @pytest.mark.parametrize(
     "name", ["lemur_capture", "lemur_capture_bodies", "lemur_tumbling", "planar_capture"]

@@ -263,7 +263,7 @@ def test_a_case_that_is_none_is_refused(
     assert "--case is" in capsys.readouterr().err
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_a_campaign_of_a_grid_is_a_map_with_a_page_for_each_point(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -84,6 +84,7 @@ def test_every_scenario_comes_back(path: Path) -> None:
     require_comes_back(load_task(path, Defaults(SETTINGS)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("number", range(2))
 @pytest.mark.parametrize("kind", DRAWN, ids=lambda kind: kind.name)
 def test_every_problem_that_is_drawn_comes_back(kind: Any, number: int) -> None:

@@ -102,6 +102,7 @@ def off_obstacles(robot: Robot, motion: FollowedMotion, obstacles: list[Obstacle
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("of", "seed"), [*itertools.product(LINES, range(2))])
 def test_both_sides_certify_the_same_clearance_of_lines(of: str, seed: int, size: float) -> None:
@@ -110,6 +111,7 @@ def test_both_sides_certify_the_same_clearance_of_lines(of: str, seed: int, size
     assert np.abs(off_obstacles(robot, motion, in_the_way(robot, motion, rng))).max() < CLOSE
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("seed", SHAPES)
 def test_both_sides_certify_the_same_clearance_of_bodies(seed: int, size: float) -> None:
@@ -118,6 +120,7 @@ def test_both_sides_certify_the_same_clearance_of_bodies(seed: int, size: float)
     assert np.abs(off_obstacles(robot, motion, in_the_way(robot, motion, rng))).max() < CLOSE
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("size", [0.1, 0.4])
 @pytest.mark.parametrize("seed", SHAPES)
 def test_both_sides_certify_the_same_distance_between_bodies(seed: int, size: float) -> None:

@@ -54,6 +54,14 @@ REPEATED = {
     "tumbling_targets": ".*capture",
 }
 NOTHING = "$^"
+# Pages on what few need: their commands are typed in CI for other files, on other pages.
+AT_NIGHT = {
+    "air_bearing_table",
+    "reaction_wheels",
+    "tumbling_target",
+    "uncertainty",
+    "verification",
+}
 # Where the benchmark has brought Drake: pages show what `verify` says without it.
 OTHER_ENGINES = re.compile(r"\n.*, in other engines: .*\n(?:.*\n)+?as planned .*\n")
 FIRST_PAGES = {"README", "without_ros", "your_robot"}
@@ -64,7 +72,8 @@ def tier_of(command: Command, page: Path) -> str | None:
     """Return when a command of a page is typed; None: never here."""
     if any(re.match(pattern, command.text) for pattern in NOT_TYPED):
         return None
-    if NIGHTLY.match(command.text) or re.match(REPEATED.get(page.stem, NOTHING), command.text):
+    at_night = page.stem in AT_NIGHT or NIGHTLY.match(command.text)
+    if at_night or re.match(REPEATED.get(page.stem, NOTHING), command.text):
         return "nightly"
     return "ci" if CI.match(command.text) or page.stem not in FIRST_PAGES else "everyday"
 
@@ -153,6 +162,7 @@ def test_a_command_that_is_not_typed_has_one_reason_and_each_reason_a_command() 
         assert len(reasons) <= 1, command.text
     for pattern in (*NOT_TYPED, CI, NIGHTLY):
         assert any(re.match(pattern, command.text) for command in commands), pattern
+    assert {page.stem for page in PAGES} >= AT_NIGHT
     for page in REPEATED:
         (commands,) = (console(one) for one in PAGES if one.stem == page)
         assert any(re.match(REPEATED[page], command.text) for command in commands), page

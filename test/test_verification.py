@@ -137,6 +137,7 @@ def test_the_momentum_that_is_not_zero_is_conserved(scenario: Path, objective: O
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @every_plan
 def test_the_error_falls_with_the_fourth_power_of_the_step(
     scenario: Path, objective: Objective

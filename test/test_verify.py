@@ -40,6 +40,7 @@ def test_a_scenario_is_planned_and_passes(capsys: pytest.CaptureFixture[str]) ->
     assert "verdict: passed" in shown
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-22")
 @pytest.mark.parametrize(
     "arguments",

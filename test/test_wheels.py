@@ -284,7 +284,7 @@ def test_a_torque_beyond_the_limit_is_refused_by_name() -> None:
         )
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_a_plan_comes_true_on_three_slides_with_the_torque_of_the_wheels() -> None:
     task, plan = planned()
     found = verify(task.problem.robot, plan.trajectory)

@@ -44,6 +44,7 @@ def test_the_planner_has_the_pairs_that_are_written_out(
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", bodies.ROBOTS)
 def test_a_plan_of_lines_touches_what_bench_says(
     name: str, judges: dict[str, WholeBodies], times: Callable[[int, int], int]

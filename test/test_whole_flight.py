@@ -124,6 +124,7 @@ def test_the_testbeds_contact_does_what_a_weld_of_two_bodies_does(
     assert here[-1].chaser[0] > 20.0 * AT_END[0]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("number", range(4))
 def test_whole_captures_of_the_benchmark_come_true(number: int) -> None:
     task = drawn.problem("whole capture", number).task(SETTINGS)

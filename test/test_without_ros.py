@@ -84,6 +84,7 @@ def test_a_command_runs(answer: Path, arguments: tuple[str, ...], printed: str) 
     assert printed in done.stdout
 
 
+@pytest.mark.sampled
 @pytest.mark.law("BAG-10")
 @pytest.mark.parametrize(
     ("arguments", "printed"),

@@ -9,7 +9,7 @@ import sqlite3
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 from types import ModuleType
@@ -25,8 +25,9 @@ from ff_planner_ros.common.process_environment import ONE_THREAD
 os.environ.update(ONE_THREAD)
 SEED = 20261123
 # Tests without a mark run every day; `@pytest.mark.ci` and `@pytest.mark.nightly` say from which
-# tier on a test runs, `@pytest.mark.sampled` that every day a tenth of its cases will do.
+# tier on a test runs, `@pytest.mark.sampled` that a part of its cases will do but at night.
 TIERS = ("everyday", "ci", "nightly")
+SAMPLES = {"ci": 1 / 10, "nightly": 1 / 3}  # of the cases; those beyond that run from this tier on
 SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
 MEASURED = 3  # cases of a test whose coverage is measured: others run the same lines
 # At night a page is as long as whole files, and the benchmark's longer than all others together.
@@ -51,8 +52,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    for item in _beyond_the_sample(items):
-        item.add_marker(pytest.mark.ci)
+    for tier, item in _beyond_the_samples(items):
+        item.add_marker(tier)
     longer = TIERS[TIERS.index(config.getoption("tier")) + 1 :]
     later = {
         item: tier for item in items for tier in longer if item.get_closest_marker(tier) is not None
@@ -89,17 +90,17 @@ def _starts_processes(module: ModuleType) -> bool:
     return any(hasattr(module, one) for one in ("connected_client", "subprocess"))
 
 
-def _beyond_the_sample(items: list[pytest.Item]) -> list[pytest.Item]:
-    """Nine tenths of the cases of each sampled test, by a fixed seed."""
+def _beyond_the_samples(items: list[pytest.Item]) -> Iterator[tuple[str, pytest.Item]]:
+    """Yield the cases that each tier has more than those before it, drawn by a fixed seed."""
     cases: defaultdict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
-        if item.get_closest_marker("sampled") and not any(map(item.get_closest_marker, TIERS)):
+        if item.get_closest_marker("sampled") and not item.get_closest_marker("nightly"):
             cases[item.nodeid.partition("[")[0]].append(item)
-    return [
-        item
-        for of_one in cases.values()
-        for item in random.Random(SEED).sample(of_one, len(of_one))[math.ceil(len(of_one) / 10) :]
-    ]
+    for of_one in cases.values():
+        drawn = random.Random(SEED).sample(of_one, len(of_one))
+        drawn.sort(key=lambda one: one.get_closest_marker("ci") is not None)  # slow ones last
+        for tier, sample in SAMPLES.items():
+            yield from ((tier, item) for item in drawn[math.ceil(len(of_one) * sample) :])
 
 
 def require_known_laws(items: Iterable[pytest.Item]) -> None:

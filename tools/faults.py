@@ -62,7 +62,7 @@ class Fault:
     wrong: str  # what goes wrong
     tests: str  # files or names of tests, apart by blanks
     survives: str = ""  # why no test can or need notice it
-    tier: str = "ci"  # of its tests: the everyday one runs a tenth of the sampled cases
+    tier: str = "nightly"  # of its tests: the others run a part of the sampled cases
 
     def put_into(self, tree: Path) -> None:
         """Change the file.

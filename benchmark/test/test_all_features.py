@@ -94,7 +94,7 @@ def test_the_class_has_all_robots_passing_spheres_and_both_weights_of_the_durati
     assert min(np.linalg.norm(one.start.position_chaser_in_inertial) for one in drawn) > 1e5
 
 
-@pytest.mark.parametrize("number", [3, pytest.param(9, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("number", [3, pytest.param(9, marks=pytest.mark.nightly)])
 def test_a_plan_is_found_and_sound(number: int) -> None:
     problem = all_features.problem(number).problem
     made = perform(PlanningTask(problem, SETTINGS))

@@ -130,6 +130,7 @@ def test_a_witness_of_a_rail_slides_and_comes_to_the_goal_past_the_spheres(numbe
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", joint_goals.KINDS)
 def test_a_plan_of_each_kind_is_flown_recorded_replayed_and_read_in_a_report(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

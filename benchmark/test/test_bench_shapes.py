@@ -141,7 +141,7 @@ def test_each_situation_is_what_it_promises(drawn: Drawn[Witness], situation: st
     np.testing.assert_array_equal(problem.target.linear_velocity, still)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_robots_situations_and_kinds_of_shapes_are_all_there() -> None:
     first = [shapes.problem(number) for number in range(2 * LINES_EVERY)]
     names = {one.problem.robot.model.name for one in first}
@@ -175,7 +175,7 @@ def test_the_benchmark_plans_them_and_tells_of_each_situation_and_robot() -> Non
     assert [int(row[1]) for row in table.rows] == [6, *[1] * 6, 2, *[1] * 4, 6]
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_what_shapes_cost_is_measured_against_what_else_is_there() -> None:
     rows = list(prices.prices(1, load_parameters().planner))
     compared = [(row["of"], row["beside"]) for row in rows]

@@ -117,6 +117,7 @@ def test_how_far_off_the_plan_it_is_has_the_chasers_attitude(tumbling):
     assert off.max_chaser_position_error < EXACT
 
 
+@pytest.mark.nightly
 def test_a_motion_that_diverges_with_few_samples_of_its_torques_comes_true_with_more():
     """The last phase of a capture, with the body as a payload."""
     task = captured.problem("whole capture", 0).task(load_parameters().planner)

@@ -40,6 +40,7 @@ def test_a_witness_does_what_its_problem_asks() -> None:
 
 
 @pytest.mark.ci
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", captured.KINDS)
 @pytest.mark.parametrize("number", range(2))
 def test_a_plan_is_found_comes_true_and_replays(kind: str, number: int, tmp_path: Path) -> None:

@@ -73,6 +73,7 @@ REWRITES = (
 )
 
 
+@pytest.mark.nightly
 @pytest.mark.law("FILE-07")
 def test_a_method_that_rewrites_the_scenarios_gains_nothing_and_spoils_nothing(
     small, method, tmp_path
@@ -170,6 +171,7 @@ ANSWERING = (
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.law("FILE-07")
 @pytest.mark.parametrize("kind", ANSWERS)
 def test_whatever_a_method_answers_it_alone_loses(small, method, kind):
@@ -374,6 +376,7 @@ def waiting(there, count=3):
     return [psutil.Process(int(path.name)) for path in there.iterdir()]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("end", ["SIGTERM", "SIGINT", "SIGKILL"])
 def test_nothing_of_a_method_outlives_a_contest_that_is_ended(small, method, tmp_path, end):
     there = tmp_path / "there"

@@ -295,7 +295,7 @@ def test_an_answer_of_the_planner_is_judged_by_the_command(small, tmp_path, capf
     assert "it must be a scenario of the data set" in capfd.readouterr().err
 
 
-@pytest.mark.ci
+@pytest.mark.nightly
 def test_a_contest_shows_what_methods_did_and_goes_on_with_what_its_file_has(
     small, tmp_path, capfd
 ):

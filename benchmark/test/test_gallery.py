@@ -26,6 +26,7 @@ SLOW = {"P5"}
 BY_PROBLEM = [pytest.param(one, marks=[pytest.mark.ci] * (one in SLOW)) for one in COMPARISONS]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("problem", BY_PROBLEM)
 def test_their_motion_on_our_model_gives_their_digits(problem):
     quick = {"quick": True} if problem == "P5" else {}

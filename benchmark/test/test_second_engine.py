@@ -21,6 +21,7 @@ LARGEST_MISS = 1e-3  # [m]
 PARTS = 4
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-22")
 @pytest.mark.parametrize("one", OF_DATA_SET, ids=lambda one: one.name)
 def test_three_plans_of_each_class_arrive_in_both_engines(one, times):
@@ -31,6 +32,7 @@ def test_three_plans_of_each_class_arrive_in_both_engines(one, times):
             assert row["position_drake"] < LARGEST_MISS, number
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-22")
 @pytest.mark.parametrize("kind", joint_goals.KINDS)
 def test_wheels_rails_stows_and_stops_come_true_in_both_engines(kind, times):
@@ -50,6 +52,7 @@ def test_wheels_rails_stows_and_stops_come_true_in_both_engines(kind, times):
             assert second.holding_torque < 1e-6
 
 
+@pytest.mark.sampled
 @pytest.mark.law("PLAN-22")
 @pytest.mark.parametrize("kind", captured.KINDS)
 def test_what_follows_a_grasp_comes_true_in_both_engines(kind, times):

@@ -20,6 +20,7 @@ pytest.importorskip("pydrake", reason="pip install './benchmark[drake]' brings D
 EXACT = 1e-4  # [m]
 
 
+@pytest.mark.nightly
 @pytest.mark.law("PLAN-10", "PLAN-22")
 def test_nothing_touches_in_drake_and_distances_are_as_planned(times):
     """The class `shapes` in turn: five robots, lines too, at rest, moving, turning, captures."""
