@@ -42,6 +42,7 @@ AREAS = sorted(path.stem for path in HERE.glob("*.yaml"))
 PATIENCE = 1200
 # Of the faults so many are to be noticed, and each of the others gives its reason.
 SHARE = 0.9
+TIER = "nightly"  # the others run a part of the cases of a sampled test
 # In a copy of the project, what its tests said.
 SAID = "said.txt"
 # Slow to import, and nothing of this project; those that are not installed are left out.
@@ -62,7 +63,6 @@ class Fault:
     wrong: str  # what goes wrong
     tests: str  # files or names of tests, apart by blanks
     survives: str = ""  # why no test can or need notice it
-    tier: str = "nightly"  # of its tests: the others run a part of the sampled cases
 
     def put_into(self, tree: Path) -> None:
         """Change the file.
@@ -94,16 +94,14 @@ def main() -> int:
     faults = [fault for area in options.areas for fault in faults_of(area)]
     if options.today:
         faults = faults[datetime.now(UTC).weekday() :: 7]
-    tests = {(fault.tier, test) for fault in faults for test in fault.tests.split()}
+    tests = sorted({test for fault in faults for test in fault.tests.split()})
     multiprocessing.set_start_method("forkserver")
     multiprocessing.set_forkserver_preload([*LIBRARIES])
     with copy_of(PROJECT) as sound, ThreadPoolExecutor(options.jobs) as pool:
-        for tier in sorted({tier for tier, _ in tests}):
-            chosen = sorted(test for of, test in tests if of == tier)
-            said = _failure(sound, chosen, f"--tier={tier}", f"--numprocesses={options.jobs}")
-            if said is not None:
-                print(f"without any fault tests fail:\n{said}")
-                return 1
+        said = _failure(sound, tests, f"--numprocesses={options.jobs}")
+        if said is not None:
+            print(f"without any fault tests fail:\n{said}")
+            return 1
         if any(fault.is_of_core for fault in faults):
             build_core(sound)  # so that each copy has all objects
         noticed = pool.map(lambda fault: _is_noticed(fault, sound), faults)
@@ -129,7 +127,7 @@ def _is_noticed(fault: Fault, sound: Path) -> bool:
     """Try a fault, and say how it went."""
     with copy_of(sound) as tree:
         fault.put_into(tree)
-        said = _failure(tree, fault.tests.split(), f"--tier={fault.tier}", "--exitfirst")
+        said = _failure(tree, fault.tests.split(), "--exitfirst")
     if said is None:
         print(f"SURVIVES {_title(fault)}", flush=True)
         return False
@@ -173,7 +171,8 @@ def _linked(source: str, target: str) -> None:
 
 def _failure(tree: Path, tests: Sequence[str], *options: str) -> str | None:
     """Run tests of the tree; return what they say where one fails."""
-    arguments = ["-q", "-p", "no:cacheprovider", *options, *(f"test/{test}" for test in tests)]
+    whole = ["-q", "-p", "no:cacheprovider", f"--tier={TIER}"]
+    arguments = [*whole, *options, *(f"test/{test}" for test in tests)]
     process = multiprocessing.Process(target=_run, args=(tree, arguments))
     process.start()
     process.join(PATIENCE)
