@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 from bodied_robots import body_placements, coal_distance, random_robot
 from handmade_plans import SETTINGS, Made, made, resting
+from published_paths import ATTITUDE, problem_along
 from robots import ROBOTS
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE, POSTURE, TWIST
@@ -18,6 +19,7 @@ from test_limits_by_hand import PLACE, POSTURE, TWIST
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.problem.path.followed import PathPoint, PathToFollow, end_effector
 from ff_planner_ros.planning.problem.problem import Obstacle, Orientation, PlanningProblem, Target
 from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
@@ -128,6 +130,64 @@ def test_the_reach_of_an_arm_that_is_all_known_is_exact(name: str, drift: float)
         message = refusal_of(asked_at(found, 1.0001 * reach * axis), Status.GOAL_OUT_OF_REACH)
         assert f"the arm reaches at most {reach:.3f} m" in message
         assert f"{1.0001 * reach:.3f} m from where the system's centre of mass" in message
+
+
+def led_past(found: Made, ways: list[Array]) -> PlanningProblem:
+    """A path that begins at the end effector, then each a second later such ways off the centre.
+
+    The centre of mass, where it is then.
+    """
+    problem, model = found.problem, found.problem.robot.model
+    data = model.createData()
+    pin.centerOfMass(model, data, found.q[0], found.v[0])
+    begins = end_effector(problem.robot, problem.start)[0].translation
+    places = [data.com[0] + (k + 1.0) * data.vcom[0] + way for k, way in enumerate(ways)]
+    points = tuple(PathPoint(float(k), place) for k, place in enumerate([begins, *places]))
+    return problem_along(problem.robot, problem.start, PathToFollow(points, ROOM, ROOM), ATTITUDE)
+
+
+ROOM = 1e-3  # tolerance of a path [m, rad]
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.2, -0.2])
+def test_a_path_may_be_as_far_from_the_centre_of_mass_as_the_arm_is_long(drift: float) -> None:
+    """And by its tolerance further, at any of its points and at the time of that."""
+    masses, levers, places, reach = STRAIGHT["chaser"]
+    robot = straight_arm(masses, levers, places)
+    joints, twist = resting(np.array([0.4, -0.3, 0.5])), np.array([0.0, drift, 0.1, 0.0, 0.0, 0.0])
+    found = made(robot, joints, twist, PLACE, Rotation.from_rotvec([0.5, 1.0, -0.3]))
+    near = np.array([1.0, 0.0, 0.0])
+    for number, axis in enumerate((*np.eye(3), *-np.eye(3))):
+        ways = [near] * 6
+        ways[number] = (0.9999 * reach + ROOM) * axis
+        require_plannable(led_past(found, ways), SETTINGS)
+        ways[number] = (1.0001 * reach + ROOM) * axis
+        message = refusal_of(led_past(found, ways), Status.GOAL_OUT_OF_REACH)
+        assert message.startswith(f"target.path[{number + 1}].position is ")
+        assert f"will be at t = {number + 1} s; the arm reaches at most {reach:.3f} m" in message
+
+
+@pytest.mark.parametrize("drift", [np.zeros(3), np.array([0.3, -0.2, 0.1])])
+def test_a_path_through_an_obstacle_is_refused_where_it_is_deeper_than_the_tolerance(
+    drift: Array,
+) -> None:
+    masses, levers, places, _ = STRAIGHT["chaser"]
+    robot = straight_arm(masses, levers, places)
+    found = made(robot, resting(np.array([0.4, -0.3, 0.5])), np.zeros(6), PLACE)
+    asked = led_past(found, [np.array([1.0, 0.3 * k, 0.0]) for k in range(4)])
+    assert asked.path is not None
+    at = asked.path.points[2].position - 2.0 * drift
+    for depth in (2e-3, 0.9e-3):
+        rock = Obstacle.sphere("rock", at + np.array([0.0, 0.0, 0.03]), 0.03 + depth, drift)
+        passed = replace(asked, obstacles=(FAR, rock))
+        if depth < ROOM:
+            require_plannable(passed, SETTINGS)
+            continue
+        message = refusal_of(passed, Status.COLLISION)
+        assert message == (
+            "target.path[2].position lies 0.0020 m inside obstacle rock at t = 2 s: there the arm "
+            "cannot be outside it"
+        )
 
 
 HEAVY = {

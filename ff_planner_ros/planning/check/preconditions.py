@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -40,12 +42,12 @@ def require_askable(problem: PlanningProblem) -> None:
 
 
 def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> None:
-    """Refuse a start that violates a requirement by itself, and a goal that no posture reaches.
+    """Refuse a start that violates a requirement by itself, and what no posture reaches.
 
     Raises:
         InvalidInput: As by `require_askable`; or the start violates a requirement, or within the
             duration the system turns too far.
-        NoPlanFound: The goal is out of reach or inside an obstacle, or in its posture the robot
+        NoPlanFound: Goal or path is out of reach or inside an obstacle, or in its posture the robot
             touches itself.
     """
     require_askable(problem)
@@ -53,7 +55,7 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
     for required in requirements_of(problem):
         required.refuse_start(problem, q_start, settings)
     if problem.posture is None:
-        _require_reachable_goal(problem, q_start, v_start)
+        _require_reachable(problem, q_start, v_start)
     elif problem.posture.positions is not None:
         _require_apart(problem, problem.posture.positions)
     _require_foretold(problem, v_start)
@@ -124,26 +126,38 @@ def _require_apart(problem: PlanningProblem, positions: Array) -> None:
         )
 
 
-def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: Array) -> None:
-    """Refuse a goal that no posture reaches, or that lies inside an obstacle.
+def _require_reachable(problem: PlanningProblem, q_start: Array, v_start: Array) -> None:
+    """Refuse a goal or a path that no posture reaches, or that lies inside an obstacle.
 
     The system's centre of mass moves in a straight line. The end effector is never further from
     it than the stretched arm from the first joint, plus the largest distance between the first
     joint and the centre of mass.
     """
-    robot, target = problem.robot, problem.target.position
-    key = "target.position" if problem.target_body is None else "target_body.grasp.position"
-    point = pin.SE3(np.eye(3), target)
+    robot, path = problem.robot, problem.path
+    room = 0.0 if path is None else path.position_tolerance
+    data = robot.model.createData()
+    pin.centerOfMass(robot.model, data, q_start, v_start)
+    reach = _reach(robot)
     around = surroundings(() if robot.bodies else problem.obstacles)
-    for number in around.near(target, 0.0, problem.duration):
-        one = problem.obstacles[number]
-        there = obstacle_place(one, problem.duration)
-        depth = -distance_between(coal.Sphere(0.0), point, one.solid.geometry, there)
-        if depth >= 0.0:
+    for key, position, time in _places(problem):
+        point = pin.SE3(np.eye(3), position)
+        for number in around.near(position, 0.0, time):
+            one = problem.obstacles[number]
+            there = obstacle_place(one, time)
+            depth = -distance_between(coal.Sphere(0.0), point, one.solid.geometry, there)
+            if depth >= room:
+                raise NoPlanFound(
+                    Status.COLLISION,
+                    f"{key} lies {depth:.4f} m inside obstacle {one.id} at t = {time:g} s: there "
+                    "the arm cannot be outside it",
+                )
+        distance = float(np.linalg.norm(position - data.com[0] - data.vcom[0] * time))
+        if distance > reach + room:
             raise NoPlanFound(
-                Status.COLLISION,
-                f"{key} lies {depth:.4f} m inside obstacle {one.id}: at the goal the "
-                "arm cannot be outside it",
+                Status.GOAL_OUT_OF_REACH,
+                f"{key} is {distance:.3f} m from where the system's centre of mass will be "
+                f"at t = {time:g} s; the arm reaches at most {reach:.3f} m; choose a "
+                "nearer goal or another duration",
             )
     contact = tool_contact(problem)
     if contact is not None:
@@ -155,18 +169,17 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, v_start: A
             f"{contact.second}, in any posture: choose a target further from it"
             f"{grasped if robot.bodies else ''}",
         )
-    data = robot.model.createData()
-    pin.centerOfMass(robot.model, data, q_start, v_start)
-    center_at_end = data.com[0] + data.vcom[0] * problem.duration
-    reach = _reach(robot)
-    distance = float(np.linalg.norm(target - center_at_end))
-    if distance > reach:
-        raise NoPlanFound(
-            Status.GOAL_OUT_OF_REACH,
-            f"{key} is {distance:.3f} m from where the system's centre of mass will be "
-            f"at t = {problem.duration:g} s; the arm reaches at most {reach:.3f} m; choose a "
-            "nearer goal or another duration",
-        )
+
+
+def _places(problem: PlanningProblem) -> Iterator[tuple[str, Array, float]]:
+    """Yield field, position and time [s] of all that the end effector must come to."""
+    if problem.path is not None:
+        for number, one in enumerate(problem.path.points):
+            yield f"target.path[{number}].position", one.position, one.time
+    elif problem.target_body is not None:
+        yield "target_body.grasp.position", problem.target.position, problem.duration
+    else:
+        yield "target.position", problem.target.position, problem.duration
 
 
 def _reach(robot: Robot) -> float:
