@@ -253,6 +253,16 @@ def test_a_captured_body_and_phases_come_back() -> None:
     assert [one.limits for one in back.then[:3]] == [EVERY_LIMIT, EVERY_LIMIT, phases[2].limits]
 
 
+def test_a_body_of_any_attitude_comes_back_to_the_last_bit() -> None:
+    tumbling = scenario("lemur_tumbling")
+    units = np.random.default_rng(0).normal(size=(3000, 4))
+    for _ in range(3):
+        before, units = units, np.array([one / np.linalg.norm(one) for one in units])
+    for unit in units[(units != before).any(axis=1)][:3]:  # which change each time
+        body = replace(tumbling.problem.target_body, quaternion_xyzw=unit)
+        require_comes_back(replace(tumbling, problem=replace(tumbling.problem, target_body=body)))
+
+
 def test_a_requirement_of_a_plug_in_comes_back(
     capture: PlanningTask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

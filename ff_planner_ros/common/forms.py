@@ -15,7 +15,6 @@ from ff_planner_ros.common.arrays import (
     Array,
     finite_number,
     finite_vector,
-    normalising_to,
     symmetric_tensor,
     unit_quaternion,
     unit_vector,
@@ -302,12 +301,11 @@ _ABOVE_ZERO: Schema = {"type": "number", "exclusiveMinimum": 0.0}
 TEXT = Form(text, lambda: {"type": "string", "minLength": 1}, text)
 NAME = Form(any_text, lambda: {"type": "string"}, any_text, str)  # text that may be empty
 TRUTH = Form(boolean, lambda: {"type": "boolean"}, boolean)
-# Of unit length to the last bit, and written so that it is read as the same
 QUATERNION = Form(
     numbers,
     lambda: of_numbers(4),
     unit_quaternion,
-    lambda value: _as_list(normalising_to(value)),
+    _as_list,
     Status.BAD_QUATERNION,
     slots=tuple("xyzw"),
 )
