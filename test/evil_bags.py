@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import lz4.frame
 import zstandard
@@ -55,6 +55,16 @@ def compressed(records: bytes) -> bytes:
 def attachment(name: str, data: bytes) -> bytes:
     head = struct.pack("<QQ", 0, 0) + text(name) + text("x")
     return record(ATTACHMENT, head + struct.pack("<Q", len(data)) + data + bytes(4))
+
+
+def whole_records(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield opcode and end of each whole record of a file that may be cut anywhere."""
+    end, head = len(MAGIC), struct.Struct("<BQ")
+    while end + head.size <= len(data):
+        opcode, length = head.unpack_from(data, end)
+        end += head.size + length
+        if end <= len(data):
+            yield opcode, end
 
 
 HEAD = MAGIC + record(HEADER, text("ros2") + text("test"))

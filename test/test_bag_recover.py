@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import random
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
+from evil_bags import CHUNK, MESSAGE, whole_records
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbag2_format import check_bag
@@ -108,6 +110,24 @@ def test_cut_anywhere_all_messages_of_whole_chunks_are_saved(bag: Path, tmp_path
 
 
 @pytest.mark.law("BAG-06")
+@pytest.mark.parametrize("use_chunking", [True, False])
+def test_cut_at_any_byte_of_its_end_all_whole_messages_are_saved(
+    tmp_path: Path, use_chunking: bool
+) -> None:
+    file, new = tmp_path / "run.mcap", tmp_path / "new"
+    copied(file, CompressionType.ZSTD, use_chunking)
+    whole, holds = file.read_bytes(), CHUNK if use_chunking else MESSAGE
+    ends = [end for opcode, end in whole_records(whole) if opcode == holds]
+    assert len(ends) == len(MESSAGES)
+    for place in (*range(ends[-3], ends[-1] + 40), *range(0, len(whole), 20)):
+        file.write_bytes(whole[:place])
+        complete = [topic for (topic, _), end in zip(MESSAGES, ends, strict=True) if end <= place]
+        saved = recover(file, new).saved
+        assert {topic: count for topic, count in saved.items() if count} == Counter(complete), place
+        shutil.rmtree(new, ignore_errors=True)
+
+
+@pytest.mark.law("BAG-06")
 @pytest.mark.parametrize("compression", CompressionType)
 def test_whatever_is_cut_or_damaged_every_whole_chunk_is_saved_and_the_exit_code_tells(
     tmp_path: Path, compression: CompressionType, times: Callable[[int, int], int]
@@ -180,10 +200,10 @@ def test_without_an_index_what_comes_after_the_damage_is_found_again(
     assert read_by_rosbags(tmp_path / "new") == MESSAGES[:4] + MESSAGES[5:]
 
 
-def copied(file: Path, compression: CompressionType) -> None:
-    """Write the messages into a file with a chunk for each."""
+def copied(file: Path, compression: CompressionType, use_chunking: bool = True) -> None:
+    """Write the messages into a file, with a chunk for each or without chunks."""
     with file.open("wb") as stream:
-        writer = Writer(stream, chunk_size=1, compression=compression)
+        writer = Writer(stream, chunk_size=1, compression=compression, use_chunking=use_chunking)
         writer.start("ros2", "test")
         schema = writer.register_schema(STRING, "ros2msg", b"string data\n")
         numbers = [writer.register_channel(f"/topic_{k}", "cdr", schema) for k in range(2)]
