@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import robots
 from _pytest.mark import ParameterSet
+from managed_node import Manager
 from ros_processes import (
     DEADLINE,
     Client,
@@ -23,6 +24,7 @@ from ros_processes import (
     connected_client,
     private_domain,
     running_planner,
+    wait_for,
 )
 
 from ff_planner_ros.errors import Status
@@ -32,6 +34,8 @@ ASK = (sys.executable, "-m", "ff_planner_ros.cli", "ask")
 BRING = ("--bring", "state", "--bring", "obstacles")
 PATIENT = ("-p", "state_max_age:=3600.0")  # a command takes seconds to start on a busy machine
 CAPTURE = str(robots.LEMUR_SCENARIO)
+# What a shell without job control does to what it starts with "&".
+IN_BACKGROUND = ("sh", "-c", 'trap "" INT; exec "$@"', "sh")
 
 
 @pytest.fixture(scope="module")
@@ -175,23 +179,40 @@ def test_where_no_node_runs_it_says_so() -> None:
     assert "no node offers it within 0.1 s" in done.stderr
 
 
-def test_whoever_stops_waiting_cancels_the_request(world: tuple[PlannerProcess, Client]) -> None:
-    _, client = world
+@pytest.mark.parametrize(
+    ("number", "starter"),
+    [
+        (signal.SIGINT, ()),
+        in_ci(signal.SIGINT, IN_BACKGROUND),
+        in_ci(signal.SIGTERM, ()),
+    ],
+)
+def test_whoever_stops_waiting_cancels_the_request(
+    world: tuple[PlannerProcess, Client], number: signal.Signals, starter: tuple[str, ...]
+) -> None:
+    planner, client = world
+    Manager(client).configure_with("planning_lead_time", 3600.0)
+    client.wait_for_planner()
+    # Stopped, the solvers end no search, however late a busy machine brings the signal.
+    planner.send_to_solvers(signal.SIGSTOP)
     heard = client.received["exchanges"]
-    slow = ("objective.chaser_attitude=1", "objective.joint_path_length=0", "search.depth=thorough")
-    changes = (word for one in slow for word in ("--set", one))
-    process = subprocess.Popen([*ASK, CAPTURE, *BRING, *changes, "--timeout", str(DEADLINE)])
-    try:
+    before, points = len(heard), 999
+    long = ("--time-budget", str(DEADLINE), "--set", f"points={points}")
+    process = subprocess.Popen([*starter, *ASK, CAPTURE, *BRING, *long, "--timeout", str(DEADLINE)])
+
+    def has_been_received() -> bool:
+        assert process.poll() is None, "it ended before the signal"
         # Of requests before this one the node may tell late.
-        client.wait_until(
-            lambda: any(of.objective.chaser_attitude == 1.0 for one in heard for of in one.request),
-            "a goal of the action",
-        )
-        process.send_signal(signal.SIGINT)
+        return any(of.search.points == points for one in heard[before:] for of in one.request)
+
+    try:
+        wait_for(has_been_received, "a goal of the action")
+        process.send_signal(number)
         assert process.wait(DEADLINE) == 130
     finally:
         process.kill()
         process.wait()
+        planner.send_to_solvers(signal.SIGCONT)
     client.wait_until(lambda: heard[-1].answer, "the answer to the goal")
     assert heard[-1].event == "cancelled"
     assert heard[-1].answer[0].status.code == Status.CANCELLED

@@ -79,13 +79,22 @@ def ask_node(options: Namespace) -> int:
     from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
     from ff_planner_ros.messages.plans import plan_from_answer
     from ff_planner_ros.ros.client import PlannerClient
+    from ff_planner_ros.ros.process import StopRequest
 
     request = _request(options)
     patience = finite_number("--timeout", options.timeout, above=0.0)
+    # As the node's: also where the signal is SIGTERM, and where a shell that starts `ask` in the
+    # background has it ignore SIGINT.
+    stop = StopRequest()
+
+    def check() -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+
     try:
         with closing(PlannerClient(f"ff_planner_ask_{os.getpid()}", options.rest)) as client:
-            client.wait_for_planner(patience)
-            answer = client.plan(request)
+            client.wait_for_planner(patience, check)
+            answer = client.plan(request, check=check)
     except KeyboardInterrupt:
         return INTERRUPTED
     status, solve_time = Status(answer.status.code), answer.solver.solve_time
