@@ -57,14 +57,18 @@ class Watched:
     """A watch whose controller says what the test wants."""
 
     def __init__(self) -> None:
-        self.broken: list[tuple[str, str]] = []
+        self.broken: list[tuple[str, str, bool]] = []
         self.node = Mock()
         self.node.resolve_topic_name = lambda name: f"/{name}"
         self.watch = ControllerWatch(self.node, SETTINGS, lambda *words: self.broken.append(words))
         _, self.look, *_ = self.node.create_timer.call_args.args
-        self.watch.follow("run.1", START * 10**9, trajectory())
+        self.follow()
 
-    def hear(self, message: bytes | None) -> list[tuple[str, str]]:
+    def follow(self, taken: int = 0) -> None:
+        """Watch the plan, which the controller has taken at a time [s]."""
+        self.watch.follow("run.1", START * 10**9, taken * 10**9, trajectory())
+
+    def hear(self, message: bytes | None) -> list[tuple[str, str, bool]]:
         handle = self.node.create_subscription.return_value.handle
         handle.__enter__, handle.__exit__ = Mock(), Mock(return_value=None)
         handle.take_message.side_effect = [message and (message, {}), None]
@@ -109,9 +113,10 @@ def test_a_reference_on_the_plan_keeps_it(watched: Watched, kept: bytes | None) 
 def test_one_state_is_enough_to_see_that_a_plan_is_not_kept(
     watched: Watched, broken: bytes, words: str
 ) -> None:
-    ((plan_id, why),) = watched.hear(broken)
+    ((plan_id, why, may_have_ended),) = watched.hear(broken)
     assert plan_id == "run.1"
     assert words in why
+    assert may_have_ended is ("of its speed" not in why)
     assert len(watched.hear(broken)) == 1  # told once
 
 
@@ -119,6 +124,12 @@ def test_a_reference_on_the_way_to_another_plan_is_not_compared(watched: Watched
     watched.watch.replaced((START + 2) * 10**9)
     assert not watched.hear(state(3.0, 0.0))
     assert watched.hear(state(3.0, 3.0, speed_scaling_factor=0.5))
+
+
+def test_a_reference_is_not_compared_before_the_controller_has_the_plan(watched: Watched) -> None:
+    watched.follow(taken=START + 2)
+    assert not watched.hear(state(1.9, 0.0, pace=0.0))
+    assert watched.hear(state(2.1, 0.0, pace=0.0))
 
 
 def test_a_plan_that_has_ended_is_not_watched(watched: Watched) -> None:

@@ -311,20 +311,64 @@ def test_plans_of_before_a_jump_of_the_clock_are_void(by_action: World) -> None:
     assert len(by_action.heard) == 2
 
 
+def broken(world: World, may_have_ended: bool) -> None:
+    """Have a plan that begins at 1 s run until 2 s, when its controller does not keep it."""
+    world.publish("run.1", start=1.0, goal=9.0)
+    world.look(1.0 - LEAD)
+    world.controller.sent[0][1]()
+    world.look(1.0)
+    watch: Any = world.execution.watch
+    assert watch.followed == ["run.1"]
+    world.look(2.0)
+    watch.broken("run.1", "it stands", may_have_ended)
+    assert world.lost == ["run.1"]
+
+
 def test_a_plan_that_the_controller_does_not_keep_is_aborted_and_forgotten(
     by_action: World,
 ) -> None:
-    by_action.publish("run.1", start=1.0, goal=9.0)
-    by_action.look(1.0 - LEAD)
-    by_action.controller.sent[0][1]()
-    by_action.look(1.0)
-    watch: Any = by_action.execution.watch
-    assert watch.followed == ["run.1"]
-    watch.broken("run.1", "it stands")
+    broken(by_action, may_have_ended=False)
     assert by_action.heard[-1].message == "broken: it stands"
-    assert by_action.lost == ["run.1"]
     by_action.controller.sent[0][2](Ended("done", succeeded=True))
     assert by_action.events[-1] == ("run.1", ABORTED)
+
+
+@pytest.mark.parametrize(
+    ("ended", "message", "code"),
+    [
+        (Ended("it was cancelled"), "it was cancelled", 0),
+        (Ended("off its path", error_code=-4), "off its path", -4),
+        (Ended("done", succeeded=True), "broken: it stands", 0),
+        (None, "broken: it stands", 0),  # and runs on
+    ],
+)
+def test_whether_a_controller_that_left_a_plan_has_ended_it_is_waited_for(
+    by_action: World, ended: Ended | None, message: str, code: int
+) -> None:
+    broken(by_action, may_have_ended=True)
+    assert by_action.events[-1] == ("run.1", STARTED)
+    assert by_action.wakes == 3.0
+    if ended is None:
+        by_action.look(2.999)
+        assert by_action.events[-1] == ("run.1", STARTED)
+        by_action.look(3.0)
+    else:
+        by_action.controller.sent[0][2](ended)
+    told = by_action.heard[-1]
+    assert (told.event, told.message, told.error_code) == (ABORTED, message, code)
+    assert by_action.lost == ["run.1"]
+    by_action.look(9.0)
+    assert by_action.heard[-1] is told
+
+
+def test_a_plan_that_is_left_and_then_replaced_is_aborted(by_action: World) -> None:
+    broken(by_action, may_have_ended=True)
+    by_action.publish("run.2", start=2.5, goal=9.0)
+    by_action.look(2.5)
+    by_action.controller.sent[1][1]()
+    by_action.look(2.6)
+    assert by_action.events[-2:] == [("run.1", ABORTED), ("run.2", STARTED)]
+    assert (by_action.heard[-2].message, by_action.heard[-2].successor) == ("broken: it stands", "")
 
 
 def test_the_reference_is_not_compared_once_the_controller_has_another_plan(

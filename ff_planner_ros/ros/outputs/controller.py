@@ -218,6 +218,7 @@ class _Followed(NamedTuple):
 
     plan_id: str
     start_ns: int
+    taken_ns: int
     joints: Sequence[str]
     motion: JointMotion
 
@@ -226,12 +227,13 @@ class ControllerWatch:
     """Compares a controller's reference, and its speed scaling, with the plan that runs."""
 
     def __init__(
-        self, node: Node, settings: ControllerParameters, broken: Callable[[str, str], None]
+        self, node: Node, settings: ControllerParameters, broken: Callable[[str, str, bool], None]
     ) -> None:
         """Subscribe to the controller's state; it is read while a plan is followed.
 
         Args:
-            broken: Called with the id of a plan that the controller does not keep, and with why.
+            broken: Called with the id of a plan that the controller does not keep, with why, and
+                with whether the controller may have ended its goal.
         """
         self._node, self._broken = node, broken
         self._tolerance = settings.reference_tolerance
@@ -253,9 +255,12 @@ class ControllerWatch:
             return f"nobody publishes {self._topic}"
         return self._unreadable
 
-    def follow(self, plan_id: str, start_ns: int, trajectory: JointTrajectory) -> None:
-        """Watch a plan, which starts at a time [ns], instead of the one before."""
-        self._plan = _Followed(plan_id, start_ns, trajectory.joint_names, _motion(trajectory))
+    def follow(
+        self, plan_id: str, start_ns: int, taken_ns: int, trajectory: JointTrajectory
+    ) -> None:
+        """Watch a plan, from its start and since the controller has it [ns]; not the one before."""
+        joints, motion = trajectory.joint_names, _motion(trajectory)
+        self._plan = _Followed(plan_id, start_ns, taken_ns, joints, motion)
         self._until_ns = start_ns + nanoseconds(trajectory.points[-1].time_from_start)
         self._timer.reset()
 
@@ -284,28 +289,33 @@ class ControllerWatch:
         self._unreadable = ""
         try:
             state = deserialize_message(taken[0][0], JointTrajectoryControllerState)
-            why = self._deviation(state, plan)
+            scaled = self._scaling(state, plan)
+            why = scaled or self._deviation(state, plan)
         except (RuntimeError, ValueError, IndexError) as error:
             # Of a control_msgs with other fields, or of another controller.
             self._unreadable = f"{self._topic} cannot be read: {error}"
             return
         if why:
             self._plan = None
-            self._broken(plan.plan_id, why)
+            self._broken(plan.plan_id, why, not scaled)
 
-    def _deviation(self, state: JointTrajectoryControllerState, plan: _Followed) -> str:
-        """Return why a state does not keep a plan; empty: it does."""
-        stamp_ns = nanoseconds(state.header.stamp)
-        if stamp_ns < plan.start_ns:
+    def _scaling(self, state: JointTrajectoryControllerState, plan: _Followed) -> str:
+        """Return words on a plan that is not run at its own times; empty: it is."""
+        if nanoseconds(state.header.stamp) < plan.start_ns:
             return ""
         # control_msgs before 5.3 have no such field; Jazzy's controller before 4.39 leaves it zero.
         factor = getattr(state, "speed_scaling_factor", 1.0)
-        if factor and not abs(factor - 1.0) <= _ONE:
-            return (
-                f"the controller runs it at {factor:.3g} of its speed (speed_scaling_factor of "
-                f"{self._topic}), and it holds at its own times alone"
-            )
-        if stamp_ns > self._until_ns:
+        if not factor or abs(factor - 1.0) <= _ONE:
+            return ""
+        return (
+            f"the controller runs it at {factor:.3g} of its speed (speed_scaling_factor of "
+            f"{self._topic}), and it holds at its own times alone"
+        )
+
+    def _deviation(self, state: JointTrajectoryControllerState, plan: _Followed) -> str:
+        """Return by what a reference is off a plan; empty: it is on it."""
+        stamp_ns = nanoseconds(state.header.stamp)
+        if not max(plan.start_ns, plan.taken_ns) <= stamp_ns <= self._until_ns:
             return ""
         seconds = (stamp_ns - plan.start_ns) / NANOSECONDS
         positions, rates = (one[0] for one in plan.motion.at(np.array([seconds]))[:2])

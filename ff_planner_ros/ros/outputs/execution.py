@@ -25,6 +25,9 @@ from ff_planner_ros.ros.topics import PLAN_EVENTS
 # Of a timer that is set anew before it runs [s].
 _ANY_PERIOD = 1.0
 _SOON_NS = 1_000_000
+# A controller says why it ended a goal later than its reference shows it: 0.05 s with its usual
+# action_monitor_rate, and more on a busy machine. Its own words and code are waited for [ns].
+_SAYS_WHY_NS = 1_000_000_000
 
 
 class Event(IntEnum):
@@ -59,7 +62,10 @@ class _Plan:
     trajectory: JointTrajectory
     is_sent: bool = False  # to the action
     is_taken: bool = False  # the controller accepted it, or there is no action to ask
+    taken_ns: int = 0  # when the controller accepted it, which may be after its start
     has_started: bool = False
+    broken: str = ""  # why the controller does not keep it; empty: it does
+    broken_ns: int = 0  # since when
 
 
 class Execution:
@@ -119,6 +125,8 @@ class Execution:
             for plan in list(self._plans):
                 if self.controller is not None:
                     self._hand_over(plan, self.controller, now_ns)
+                if plan.broken and now_ns >= plan.broken_ns + _SAYS_WHY_NS:
+                    self._end(plan, Event.ABORTED, plan.broken)
             while due := [one for one in self._due() if one[0] <= now_ns]:
                 _, plan = min(due, key=lambda one: one[0])
                 if plan.has_started:
@@ -169,6 +177,7 @@ class Execution:
             *(time_ns for time_ns, _ in self._due()),
             *(one.start_ns - self._lead_ns for one in waits),
             *(one.goal_ns + _SOON_NS for one in silent),
+            *(one.broken_ns + _SAYS_WHY_NS for one in self._plans if one.broken),
         ]
         if not times:
             self._timer.cancel()
@@ -195,7 +204,8 @@ class Execution:
             if other.has_started or self._plans.index(other) < self._plans.index(plan):
                 self._supersede(other, plan)
         if self.watch is not None:
-            self.watch.follow(plan.plan_id, plan.start_ns, plan.trajectory)
+            times = plan.start_ns, plan.taken_ns
+            self.watch.follow(plan.plan_id, *times, plan.trajectory)
         self._tell(plan, Event.STARTED, "its start time has come")
 
     def _supersede(self, plan: _Plan, successor: _Plan) -> None:
@@ -217,7 +227,7 @@ class Execution:
 
     def _accepted(self, plan: _Plan) -> None:
         with self._lock:
-            plan.is_taken = True
+            plan.is_taken, plan.taken_ns = True, self._clock.now().nanoseconds
             self._arm()
 
     def _ended(self, plan: _Plan, ended: Ended) -> None:
@@ -236,11 +246,18 @@ class Execution:
             else:
                 self._end(plan, Event.ABORTED, ended.words, error_code=ended.error_code)
 
-    def _broken(self, plan_id: str, why: str) -> None:
-        """Abort a plan that the controller does not keep; the controller keeps its goal."""
+    def _broken(self, plan_id: str, why: str, may_have_ended: bool) -> None:
+        """Abort a plan that the controller does not keep; the controller keeps its goal.
+
+        Args:
+            may_have_ended: Whether the controller may have ended its goal, and will say why.
+        """
         with self._lock:
             for plan in [one for one in self._plans if one.plan_id == plan_id]:
-                self._end(plan, Event.ABORTED, f"broken: {why}")
+                plan.broken, plan.broken_ns = f"broken: {why}", self._clock.now().nanoseconds
+                self._aborted(plan_id)  # already, so that nothing is planned from it
+                if self.controller is None or not may_have_ended:
+                    self._end(plan, Event.ABORTED, plan.broken)
             self._arm()
 
     def _end(
@@ -249,8 +266,10 @@ class Execution:
         self._plans.remove(plan)
         if self.watch is not None:
             self.watch.leave(plan.plan_id)
+        if plan.broken and event is not Event.ABORTED:
+            event, words, successor = Event.ABORTED, plan.broken, ""
         self._tell(plan, event, words, successor, error_code)
-        if event is Event.ABORTED:
+        if event is Event.ABORTED and not plan.broken:
             self._aborted(plan.plan_id)
 
     def _tell(
