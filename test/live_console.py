@@ -17,6 +17,7 @@ SCENE = Scene(resting_capture())
 # Of plans, and of states: no machine is too slow [s].
 LEAD, AGE = 300.0, 60.0
 VALUES = {"state_max_age": AGE, "planning_lead_time": LEAD, "state_future_tolerance": AGE}
+VALUES |= {"time_budget": LEAD}
 ARGUMENTS = [word for name, value in VALUES.items() for word in ("-p", f"{name}:={value}")]
 ARGUMENTS += ["-p", "end_behaviour:=stop_joints"]
 
