@@ -30,10 +30,12 @@ from ff_planner_ros.planning.scenario.task_json import task_json
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.dynamics import base_acceleration, joint_torques
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import (
     angular_momenta,
     angular_momentum_bounds,
+    total_momenta,
     total_momentum,
 )
 from ff_planner_ros.simulation.verification import verify
@@ -89,6 +91,34 @@ def test_a_robot_with_mimics_is_the_one_whose_joints_are_driven_so(joints: int) 
         work = [forces[6:] @ spread(model, robot, one, False) for one in unit]
         pushed = pin.rnea(robot.model, own, q, v, acceleration)
         np.testing.assert_allclose(pushed[6:], work, rtol=0.0, atol=1e-10)
+
+
+def test_each_of_many_samples_has_the_torques_that_push_no_base() -> None:
+    """By the equations of what drives each joint alone; one sample has no inertias of another."""
+    robot, model = robot_from_urdf_text(coupled_urdf(9, 9), *ENDS), each_alone(9)
+    rng = np.random.default_rng(4)
+    samples = [configuration(robot, random_state(robot, rng)) for _ in range(6)]
+    q, v = (np.array(rows) for rows in zip(*samples, strict=True))
+    accelerations, own = rng.normal(size=(6, robot.joints)), robot.model.createData()
+    found = joint_torques(robot, q, v, accelerations)
+    momenta = total_momenta(robot, q, v)
+    for k, joint_accelerations in enumerate(accelerations):
+        data = model.createData()
+        every = np.concatenate([q[k, :7], spread(model, robot, q[k, 7:], True)])
+        rates, rise = (
+            np.concatenate([base, spread(model, robot, joints, False)])
+            for base, joints in ((v[k, :6], v[k, 6:]), (np.zeros(6), joint_accelerations))
+        )
+        at_rest = np.array(pin.rnea(model, data, every, rates, rise))
+        base = np.array(pin.crba(model, data, every))[:6]
+        rise[:6] = np.linalg.solve(base[:, :6], -at_rest[:6])
+        forces = np.array(pin.rnea(model, data, every, rates, rise))
+        work = [forces[6:] @ spread(model, robot, one, False) for one in np.eye(robot.joints)]
+        np.testing.assert_allclose(found[k], work, rtol=0.0, atol=1e-9)
+        of_base = base_acceleration(robot, own, q[k], v[k], joint_accelerations)
+        np.testing.assert_allclose(of_base, rise[:6], rtol=0.0, atol=1e-9)
+        momentum = total_momentum(robot, own, q[k], v[k])
+        np.testing.assert_allclose(momenta[k], momentum, rtol=0.0, atol=1e-10)
 
 
 def coupled_problem(base: Base, seed: int) -> PlanningProblem:

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from dense_motion import arms, truth
 from published_paths import ATTITUDE, at_rest, p2c, p5, p6, problem_along
-from robots import LEMUR_SCENARIO, random_state, random_urdf
+from robots import LEMUR_SCENARIO, coupled_urdf, random_state, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.plan_document import plan_document
@@ -60,8 +60,23 @@ def planned(name: str) -> tuple[PlanningProblem, Plan]:
         "circle": p5(300.0, 1.6e-4),
         "half circle": p6(),
         "short circle": replace(p5(300.0, 1e-3, 61), objective=SHORTEST),
+        "coupled joints": coupled_problem(),
     }[name]
     return problem, perform(PlanningTask(problem, SETTINGS))
+
+
+def coupled_problem() -> PlanningProblem:
+    """Return the problem of a decimetre and a tenth of a radian with joints that mimic others."""
+    robot = robot_from_urdf_text(coupled_urdf(9, 5), "bus", "tool")
+    start = at_rest(robot, [0.5, -0.3, 0.4, 0.6, -0.5, 0.3, 0.2])
+    pose, _ = end_effector(robot, start)
+    points = []
+    for part in np.linspace(0.0, 1.0, 17):
+        way = 0.1 * part**3 * (10.0 - 15.0 * part + 6.0 * part**2)  # at rest at both ends
+        turned = pin.Quaternion(pin.exp3(way * np.array([0.6, 0.0, -0.8])) @ pose.rotation)
+        place = pose.translation + way * np.array([0.6, -0.8, 0.0])
+        points.append(PathPoint(8.0 * part, place, turned.normalized().coeffs()))
+    return problem_along(robot, start, PathToFollow(tuple(points), 1e-3, 2e-3), SHORTEST)
 
 
 def errors_of(problem: PlanningProblem, plan: Plan) -> tuple[float, float]:
@@ -233,7 +248,7 @@ def test_the_chaser_turns_less_than_published_where_joints_are_to_spare() -> Non
     assert np.degrees(turn("tumbling")) == pytest.approx(2.44, abs=0.02)
 
 
-@pytest.mark.parametrize("name", ["tumbling", "circle"])
+@pytest.mark.parametrize("name", ["tumbling", "circle", "coupled joints"])
 def test_an_executed_plan_follows_the_path_in_the_engine(name: str) -> None:
     problem, plan = planned(name)
     found = verify(problem.robot, plan.trajectory, scene_of(problem))

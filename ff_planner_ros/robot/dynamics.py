@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import momentum_maps
+from ff_planner_ros.robot.momentum import mass_matrix, momentum_maps
 
 
 def inverse_dynamics(
@@ -116,7 +116,7 @@ def base_acceleration(
     rows = robot.base.rows
     base_at_rest = np.concatenate([np.zeros(6), joint_acceleration])
     wrench = inverse_dynamics(robot, data, q, v, base_at_rest)[:6]
-    mass_matrix = pin.crba(robot.model, data, q)
+    mass = mass_matrix(robot, data, q)
     acceleration = np.zeros(6)
-    acceleration[rows] = np.linalg.solve(mass_matrix[np.ix_(rows, rows)], -wrench[rows])
+    acceleration[rows] = np.linalg.solve(mass[np.ix_(rows, rows)], -wrench[rows])
     return acceleration

@@ -19,6 +19,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import mass_matrix
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.wheels import momenta_of
 
@@ -121,7 +122,7 @@ class _Contact:
         pin.computeJointJacobians(model, data, self.q)
         self.jacobian = np.array(pin.getFrameJacobian(model, data, tip, pin.LOCAL))
         self.rotation = pin.updateFramePlacement(model, data, tip).rotation.copy()
-        upper = np.triu(pin.crba(model, data, self.q))
+        upper = np.triu(mass_matrix(robot, data, self.q))
         self.mass = upper + np.triu(upper, 1).T
         self.inertia = np.array(inertia.matrix())
         self.mass_of_both = self.mass + self.jacobian.T @ self.inertia @ self.jacobian

@@ -183,13 +183,21 @@ def with_wheel_momenta(robot: Robot, before: SystemState, after: SystemState) ->
     return replace(after, wheel_momenta=momenta)
 
 
+def mass_matrix(robot: Robot, data: pin.Data, q: Array) -> Array:
+    """Return the mass matrix, of which Pinocchio fills the upper triangle."""
+    if robot.tree.joints > robot.joints:
+        # Where joints mimic others, Pinocchio 4.1 adds to the matrix of the call before.
+        data = robot.model.createData()
+    return np.array(pin.crba(robot.model, data, q))
+
+
 def momentum_maps(robot: Robot, data: pin.Data, q: Array) -> Array:
     """Return the matrices from tangent velocity to momentum about the base's origin, in its axes.
 
     The first six rows of the mass matrix at each row of q, which depend on the joints alone. Shape
     (points, 6, 6 + joints).
     """
-    return np.array([pin.crba(robot.model, data, row)[:6] for row in q])
+    return np.array([mass_matrix(robot, data, row)[:6] for row in q])
 
 
 def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
@@ -247,7 +255,7 @@ def base_twist(
     In the base frame. Shape (6,) [m/s, rad/s].
     """
     rows = robot.base.rows
-    momentum_map = pin.crba(robot.model, data, q)[rows]
+    momentum_map = mass_matrix(robot, data, q)[rows]
     pin.forwardKinematics(robot.model, data, q)
     in_base = data.oMi[1].actInv(pin.Force(momentum)).vector[rows]
     twist = np.zeros(6)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
@@ -21,6 +20,7 @@ from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.task.following import phase_tasks
 from ff_planner_ros.planning.task.planning_task import PlanningTask
 from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.momentum import mass_matrix
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.feed_forward import feed_forward
@@ -168,7 +168,7 @@ class _Flight:
 def _joint_inertia(robot: Robot, positions: Array) -> Array:
     """Return the joint-space inertia of a free-floating base. Shape (joints, joints)."""
     q = np.concatenate([np.zeros(6), [1.0], positions])
-    upper = np.triu(pin.crba(robot.model, robot.model.createData(), q))
+    upper = np.triu(mass_matrix(robot, robot.model.createData(), q))
     mass = upper + np.triu(upper, 1).T
     free: Array = mass[6:, 6:] - mass[6:, :6] @ np.linalg.solve(mass[:6, :6], mass[:6, 6:])
     return free

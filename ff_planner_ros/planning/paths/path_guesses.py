@@ -23,7 +23,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.kinematics import arm_reach
-from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.momentum import mass_matrix, total_momentum
 
 if TYPE_CHECKING:
     from ff_planner_ros.planning.paths.joint_spline import JointSplines
@@ -165,7 +165,7 @@ class _Rates:
     def _base(self, q: Array) -> tuple[Array, Array]:
         """Return the base's rates per joint rate, and those of the momentum with joints at rest."""
         robot, data, rows = self.robot, self.data, self.robot.base.rows
-        mass = pin.crba(robot.model, data, q)[rows]
+        mass = mass_matrix(robot, data, q)[rows]
         pin.forwardKinematics(robot.model, data, q)
         momentum = data.oMi[1].actInv(pin.Force(self.momentum)).vector[rows]
         right = np.column_stack([-mass[:, 6:], momentum])
