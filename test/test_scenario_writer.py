@@ -12,6 +12,7 @@ import pytest
 import yaml
 from robots import LEMUR_SCENARIO
 
+from ff_planner_ros.common.arrays import normalising_to, unit_quaternion
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
@@ -151,6 +152,14 @@ def test_what_a_file_cannot_hold_is_refused(lemur_capture: PlanningProblem, tmp_
     twice = replace(lemur_capture, obstacles=2 * lemur_capture.obstacles[:1])
     with pytest.raises(InvalidInput, match="unique"):
         write_scenario(PlanningTask(twice, SETTINGS), tmp_path / "twice.yaml")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_unit_quaternion_has_numbers_that_normalise_to_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(200):
+        unit = unit_quaternion("q", quaternion(rng))
+        assert (unit_quaternion("q", normalising_to(unit)) == unit).all()
 
 
 def written(tmp_path: Path, more: str) -> Path:

@@ -22,9 +22,8 @@ LARGEST = 1e100
 SHORTEST_DIRECTION, _UNIT = 1e-6, 1e-12
 # Of opposite elements of a symmetric tensor, as a part of its largest one.
 _ASYMMETRY = 1e-6
-# How far the norm of a normalised quaternion may be from 1 by rounding: seven halves of the last
-# digit, four in its entries and three in the norm itself.
-_ROUNDING = 4.0 * float(np.finfo(float).eps)
+# Of the search for what a quaternion was normalised from: relative steps, and how many.
+_SCALES = ((2.0**-48, 4096), (2.0**-27, 60_000))
 
 
 def zero_vector() -> Array:
@@ -119,8 +118,6 @@ def finite_number(field: str, value: float, *, above: float | None = None) -> fl
 def unit_quaternion(field: str, values: ArrayLike) -> Array:
     """Return `values` as a read-only quaternion (x, y, z, w), checked and normalised.
 
-    A normalised one stays as it is, to the last bit, however often it is checked.
-
     Raises:
         InvalidInput: Wrong size, not finite, or the norm differs from 1 by more than 1e-3.
     """
@@ -133,7 +130,7 @@ def unit_quaternion(field: str, values: ArrayLike) -> Array:
             quaternion.tolist(),
             f"its norm must be 1 within {QUATERNION_NORM_TOLERANCE:g}, not {norm:.6g}",
         )
-    return quaternion if abs(norm - 1.0) <= _ROUNDING else frozen(quaternion / norm)
+    return frozen(quaternion / norm)
 
 
 def unit_vector(field: str, values: ArrayLike) -> Array:
@@ -164,3 +161,22 @@ def symmetric_tensor(field: str, values: ArrayLike) -> Array:
         allowed = "it must be symmetric"
         raise InvalidInput(Status.OUT_OF_RANGE, field, tensor.tolist(), allowed)
     return tensor
+
+
+def normalising_to(quaternion_xyzw: Array) -> Array:
+    """Return numbers that `unit_quaternion` turns into this unit quaternion, to the last bit.
+
+    Normalised once more, a unit quaternion may change by rounding. Numbers a little longer or
+    shorter do not; nearly always some that differ by less than 1e-9 are found.
+    """
+    if (unit_quaternion("", quaternion_xyzw) == quaternion_xyzw).all():
+        return quaternion_xyzw
+    for step, steps in _SCALES:
+        away = step * np.arange(steps)
+        for candidate in np.outer(np.column_stack([1.0 + away, 1.0 - away]), quaternion_xyzw):
+            ratios = candidate / math.sqrt(candidate @ candidate)
+            if not (ratios == quaternion_xyzw).all():
+                continue
+            if (unit_quaternion("", candidate) == quaternion_xyzw).all():
+                return frozen(candidate)
+    return quaternion_xyzw

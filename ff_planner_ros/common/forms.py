@@ -15,6 +15,7 @@ from ff_planner_ros.common.arrays import (
     Array,
     finite_number,
     finite_vector,
+    normalising_to,
     symmetric_tensor,
     unit_quaternion,
     unit_vector,
@@ -301,11 +302,12 @@ _ABOVE_ZERO: Schema = {"type": "number", "exclusiveMinimum": 0.0}
 TEXT = Form(text, lambda: {"type": "string", "minLength": 1}, text)
 NAME = Form(any_text, lambda: {"type": "string"}, any_text, str)  # text that may be empty
 TRUTH = Form(boolean, lambda: {"type": "boolean"}, boolean)
+# Of unit length to the last bit, and written so that it is read as the same
 QUATERNION = Form(
     numbers,
     lambda: of_numbers(4),
     unit_quaternion,
-    _as_list,
+    lambda value: _as_list(normalising_to(value)),
     Status.BAD_QUATERNION,
     slots=tuple("xyzw"),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -243,7 +244,9 @@ def _read_meshes(read: dict[str, Any], place: str, directory: Path | None, fault
         if isinstance(body, BodyFile):
             return  # it is a fault
         fixed = loaded(f"{place}target_body.obstacles", body.obstacles)
-        read["target_body"] = replace(body, obstacles=fixed)
+        # As it was read, if all is there: normalised once more, a quaternion changes its last bits.
+        is_whole = all(map(operator.is_, fixed, body.obstacles))
+        read["target_body"] = body if is_whole else replace(body, obstacles=fixed)
 
 
 def _check_sizes(read: Mapping[str, Any], joints: int, faults: Faults) -> None:

@@ -11,6 +11,7 @@ from ff_planner_msgs.msg import Goal, Limits
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
+from ff_planner_ros.common.arrays import normalising_to
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_placed, fields_renamed
 from ff_planner_ros.planning.problem.goal_words import GoalKind, Orientation
@@ -95,7 +96,7 @@ def goal_of_path(
         place, turn = pose.pose.position, pose.pose.orientation
         place.x, place.y, place.z = one.position.tolist()
         if one.quaternion_xyzw is not None:
-            turn.x, turn.y, turn.z, turn.w = one.quaternion_xyzw.tolist()
+            turn.x, turn.y, turn.z, turn.w = normalising_to(one.quaternion_xyzw).tolist()
         message.poses.append(pose)
     limits.path_position_tolerance = [path.position_tolerance]
     limits.path_orientation_tolerance = [path.orientation_tolerance]
