@@ -99,7 +99,7 @@ def test_a_day_from_the_page_alone(tmp_path: Path, capsys: pytest.CaptureFixture
         # 4. and 5. looked at before it goes out
         client.publish_obstacles(SCENE.obstacles())
         client.publish_state(SCENE.state(client.now_ns()))
-        made = at.plan(4.0, plan_only=True)
+        made = at.plan(plan_only=True)
         assert at.of(made) == []
         client.wait_until(
             lambda: waiting(markers) == [f"{made.plan_id} waits to be released"], "it"
