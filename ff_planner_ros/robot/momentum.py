@@ -184,7 +184,10 @@ def with_wheel_momenta(robot: Robot, before: SystemState, after: SystemState) ->
 
 
 def mass_matrix(robot: Robot, data: pin.Data, q: Array) -> Array:
-    """Return the mass matrix, of which Pinocchio fills the upper triangle."""
+    """Return the mass matrix of Eq. (20), of which Pinocchio fills the upper triangle.
+
+    By tangent velocities. Shape (6 + joints, 6 + joints).
+    """
     if robot.tree.joints > robot.joints:
         # Where joints mimic others, Pinocchio 4.1 adds to the matrix of the call before.
         data = robot.model.createData()
