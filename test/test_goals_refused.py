@@ -106,13 +106,18 @@ STRAIGHT = {
 }
 
 
-def asked_at(found: Made, way: Array) -> PlanningProblem:
-    """The goal a way from where the system's centre of mass will be."""
+def center_of_mass(found: Made, time: float) -> Array:
+    """Where the system's centre of mass will be, which drifts in a straight line."""
     model = found.problem.robot.model
     data = model.createData()
     pin.centerOfMass(model, data, found.q[0], found.v[0])
-    center = data.com[0] + found.problem.duration * data.vcom[0]
-    target = Target(center + way, UNTURNED, orientation=Orientation.FREE)
+    return np.array(data.com[0] + time * data.vcom[0])
+
+
+def asked_at(found: Made, way: Array) -> PlanningProblem:
+    """The goal a way from where the system's centre of mass will be."""
+    place = center_of_mass(found, found.problem.duration) + way
+    target = Target(place, UNTURNED, orientation=Orientation.FREE)
     return replace(found.problem, target=target)
 
 
@@ -133,15 +138,10 @@ def test_the_reach_of_an_arm_that_is_all_known_is_exact(name: str, drift: float)
 
 
 def led_past(found: Made, ways: list[Array]) -> PlanningProblem:
-    """A path that begins at the end effector, then each a second later such ways off the centre.
-
-    The centre of mass, where it is then.
-    """
-    problem, model = found.problem, found.problem.robot.model
-    data = model.createData()
-    pin.centerOfMass(model, data, found.q[0], found.v[0])
+    """A path from the end effector to these ways from the centre of mass, a second apart."""
+    problem = found.problem
     begins = end_effector(problem.robot, problem.start)[0].translation
-    places = [data.com[0] + (k + 1.0) * data.vcom[0] + way for k, way in enumerate(ways)]
+    places = [center_of_mass(found, k + 1.0) + way for k, way in enumerate(ways)]
     points = tuple(PathPoint(float(k), place) for k, place in enumerate([begins, *places]))
     return problem_along(problem.robot, problem.start, PathToFollow(points, ROOM, ROOM), ATTITUDE)
 

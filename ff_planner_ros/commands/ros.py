@@ -85,12 +85,7 @@ def ask_node(options: Namespace) -> int:
     patience = finite_number("--timeout", options.timeout, above=0.0)
     # As the node's: also where the signal is SIGTERM, and where a shell that starts `ask` in the
     # background has it ignore SIGINT.
-    stop = StopRequest()
-
-    def check() -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-
+    check = StopRequest().check
     try:
         with closing(PlannerClient(f"ff_planner_ask_{os.getpid()}", options.rest)) as client:
             client.wait_for_planner(patience, check)

@@ -211,8 +211,7 @@ def _example(name: str) -> list[str]:
 
 def _check(needed: Mapping[Path, subprocess.Popen[bytes]], stop: StopRequest) -> None:
     """Raise if the user has stopped the demonstration, or a process has ended."""
-    if stop.is_set():
-        raise KeyboardInterrupt
+    stop.check()
     for log, process in needed.items():
         if process.poll() is not None:
             raise FfPlannerError(

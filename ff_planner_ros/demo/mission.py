@@ -36,13 +36,8 @@ def run_mission(
         Exit code: 0 done, 2 something could not run, 3 no plan, 130 interrupted.
     """
     stop = StopRequest()
-
-    def check() -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-
     try:
-        code, report = 0, fly(check)
+        code, report = 0, fly(stop.check)
     except KeyboardInterrupt:
         return 130
     except FfPlannerError as error:

@@ -159,8 +159,7 @@ def _demonstrate(
         torques_alone = miss_by_torques_alone(problem.robot, motions[OPEN_LOOP])
         print_table("Planned again on the way", HEADER, list(rows(flown, torques_alone)))
     print(f"\nbag      {_shown(bag)}", flush=True)
-    if stop.is_set():
-        raise KeyboardInterrupt
+    stop.check()
     pictures = save_figures(problem, motions, directory)
     if following:
         pictures.append(directory / "following.png")

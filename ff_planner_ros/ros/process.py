@@ -96,6 +96,15 @@ class StopRequest:
         """Return whether one of the signals has arrived."""
         return self._has_come
 
+    def check(self) -> None:
+        """Do nothing until one of the signals has arrived.
+
+        Raises:
+            KeyboardInterrupt: One has.
+        """
+        if self._has_come:
+            raise KeyboardInterrupt
+
     def wait(self) -> None:
         """Block the main thread until one of the signals arrives."""
         while not self._has_come:
