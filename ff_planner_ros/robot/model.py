@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,19 +130,21 @@ class Robot:
 
     def slides(self, joint: int) -> bool:
         """Tell whether a joint is prismatic; else it is revolute."""
-        return bool(self.joint_slides[joint].any())
+        return self._sliding[joint]
+
+    @cached_property
+    def _sliding(self) -> list[bool]:
+        return [bool(one.any()) for one in self.joint_slides]
 
     @property
     def slide_weight(self) -> float:
         """Weight of prismatic joints in the joint path [rad/m]; the default if there are none."""
-        return float(self.joint_weights[self.joint_slides.any(axis=1)].max(initial=0.0)) or (
-            SLIDE_WEIGHT
-        )
+        return float(self.joint_weights[self._sliding].max(initial=0.0)) or SLIDE_WEIGHT
 
     @property
     def has_slides(self) -> bool:
         """Whether any joint is prismatic."""
-        return bool(self.joint_slides.any())
+        return any(self._sliding)
 
     @property
     def furthest_slides(self) -> Array:

@@ -39,15 +39,14 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
     steps = joint_rotations(robot, moved)
     rotations = np.empty((count, tree.joints + 1, 3, 3))
     positions = np.empty((count, tree.joints + 1, 3))
-    axes, slides = np.empty((2, count, tree.joints, 3))
     rotations[:, 0], positions[:, 0] = np.eye(3), 0.0
-    for k, placement in enumerate(robot.model.jointPlacements[2:]):
-        before = rotations[:, tree.before[k]]
-        positions[:, k + 1] = positions[:, tree.before[k]] + before @ placement.translation
-        axes[:, k] = before @ (placement.rotation @ tree.axes[k])
-        slides[:, k] = before @ (placement.rotation @ tree.slides[k])
-        positions[:, k + 1] += moved[:, k, None] * slides[:, k]
-        np.matmul(before, steps[:, k], out=rotations[:, k + 1])
+    for k, before in enumerate(tree.before.tolist()):
+        np.matmul(rotations[:, before], steps[:, k], out=rotations[:, k + 1])
+    carried = rotations[:, tree.before]
+    offsets, axes, slides = ((carried @ each[:, :, None])[..., 0] for each in _in_bodies(robot))
+    slid = moved[..., None] * slides
+    for k, before in enumerate(tree.before.tolist()):
+        positions[:, k + 1] = positions[:, before] + offsets[:, k] + slid[:, k]
     carriers, placements, offsets, centers = _in_joints(robot)
     carried = rotations[:, carriers]
     stretches = np.zeros((count, len(carriers), 3))
@@ -71,6 +70,18 @@ def centers_in_base(q: Array, centers: Array) -> Array:
     """Return points of the inertial frame in the base frame. (configurations, points, 3) [m]."""
     turns = rotation_from_quaternion(q[:, 3:7])
     return np.asarray((centers - q[:, None, :3]) @ turns, np.float64)
+
+
+@kept_with_it
+def _in_bodies(robot: Robot) -> tuple[Array, Array, Array]:
+    """Return each joint's place [m], axis and slide in the body before. Each of shape (all, 3)."""
+    tree, places = robot.tree, robot.model.jointPlacements[2:]
+    turns = [place.rotation for place in places]
+    return (
+        np.array([place.translation for place in places]),
+        np.array([turn @ axis for turn, axis in zip(turns, tree.axes, strict=True)]),
+        np.array([turn @ slide for turn, slide in zip(turns, tree.slides, strict=True)]),
+    )
 
 
 @kept_with_it

@@ -101,11 +101,12 @@ class Surroundings:
             obstacles: Number of the obstacle of each row. Shape (rows,).
         """
         few, column = np.unique(obstacles, return_inverse=True)
-        rotations = np.tile(np.eye(3), (len(times), len(few), 1, 1))
+        turns = rotation_from_quaternion(q[:, 3:7])
+        seen = np.repeat(turns.transpose(0, 2, 1)[:, None], len(few), axis=1)
         positions = self.centers(times)[:, few]  # and of others than spheres:
         for k in np.flatnonzero(~self.are_spheres[few]).tolist():
-            rotations[:, k], positions[:, k] = obstacle_poses(self.obstacles[few[k]], times)
-        seen = np.einsum("cji,cojk->coik", rotation_from_quaternion(q[:, 3:7]), rotations)
+            rotations, positions[:, k] = obstacle_poses(self.obstacles[few[k]], times)
+            seen[:, k] = np.einsum("cji,cjk->cik", turns, rotations)
         return Poses(seen[rows, column], centers_in_base(q, positions)[rows, column])
 
     @cached_property
