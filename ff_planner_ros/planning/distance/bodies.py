@@ -43,7 +43,8 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
     for k, before in enumerate(tree.before.tolist()):
         np.matmul(rotations[:, before], steps[:, k], out=rotations[:, k + 1])
     carried = rotations[:, tree.before]
-    offsets, axes, slides = ((carried @ each[:, :, None])[..., 0] for each in _in_bodies(robot))
+    of_joints = _joints_in_bodies(robot)
+    offsets, axes, slides = ((carried @ each[:, :, None])[..., 0] for each in of_joints)
     slid = moved[..., None] * slides
     for k, before in enumerate(tree.before.tolist()):
         positions[:, k + 1] = positions[:, before] + offsets[:, k] + slid[:, k]
@@ -73,8 +74,8 @@ def centers_in_base(q: Array, centers: Array) -> Array:
 
 
 @kept_with_it
-def _in_bodies(robot: Robot) -> tuple[Array, Array, Array]:
-    """Return each joint's place [m], axis and slide in the body before. Each of shape (all, 3)."""
+def _joints_in_bodies(robot: Robot) -> tuple[Array, Array, Array]:
+    """Return each joint's place [m], axis and slide in the body before it. Each of (all, 3)."""
     tree, places = robot.tree, robot.model.jointPlacements[2:]
     turns = [place.rotation for place in places]
     return (
