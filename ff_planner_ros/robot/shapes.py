@@ -16,7 +16,6 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.robot.collision.primitives import PRIMITIVES
 from ff_planner_ros.robot.rotation import rotation_from_euler
-from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
 # A link is drawn by what it looks like, or else by what it collides with.
 _TAGS = ("visual", "collision")
@@ -35,10 +34,10 @@ class Shape:
     rotation_to_link: Array  # shape (3, 3)
 
 
-def with_shapes(checked: str, text: str) -> str:
-    """Return a checked URDF, which has no shapes, with the drawn shapes of its original text."""
+def with_shapes(checked: str, original: Element) -> str:
+    """Return a checked URDF, which has no shapes, with the drawn ones of its original `<robot>`."""
     robot = ElementTree.fromstring(checked)
-    given = {str(link.get("name")): link for link in read_shapes(text).findall("link")}
+    given = {str(link.get("name")): link for link in original.findall("link")}
     left = _MOST_SHAPES
     for link in robot.findall("link"):
         for element in _drawn(given.get(str(link.get("name")), link))[:left]:

@@ -56,7 +56,8 @@ def whole_body(
         InvalidInput: A shape, a mesh or the SRDF is refused.
     """
     faults = Faults()
-    solids, drawn = read_shapes(text, faults), with_shapes(checked, text)
+    solids = read_shapes(text, faults)
+    drawn = with_shapes(checked, solids)
     drop_points(solids, faults)
     joints = _joints_with_solids(solids, model)
     on_arm = any(joint > 1 for joint in joints.values())
