@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -12,8 +14,10 @@ import numpy as np
 import pytest
 from ff_planner_msgs.msg import ChaserState, Goal, PlanAnswer, PlanRequest, PlanStatus
 from ff_planner_msgs.srv import Describe
+from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
 from managed_node import Manager
+from nav_msgs.msg import Path as NavPath
 from quick_capture import resting_capture
 from rclpy.parameter import Parameter
 from robots import LEMUR_URDF
@@ -27,6 +31,7 @@ from ros_processes import (
     read_bag,
     running_planner,
 )
+from std_msgs.msg import Header
 
 from ff_planner_ros.bag.info import bag_document
 from ff_planner_ros.bag.reader import open_bag
@@ -227,6 +232,49 @@ def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
     assert third.plan_id in nothing.status.message
 
 
+def test_a_plan_leaves_the_one_that_runs_for_a_path_to_follow(client: Client) -> None:
+    """From where that plan has the end effector, to two centimetres beside where it would go on."""
+    first = client.plan(request(client))
+    assert first.status.code == Status.SOLVED, first.status
+    went = first.plans[0].end_effector_path.poses[15:31]
+    left_ns, path = nanoseconds(went[0].header.stamp), NavPath(header=Header(frame_id=FRAME))
+    for pose in went:
+        after_ns = nanoseconds(pose.header.stamp) - left_ns
+        aside = PoseStamped(pose=deepcopy(pose.pose))
+        aside.header.stamp = time_message(after_ns)
+        part = after_ns / (nanoseconds(went[-1].header.stamp) - left_ns)
+        aside.pose.position.y += 0.02 * part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+        path.poses.append(aside)
+    since = (left_ns - begin_ns(first)) / NANOSECONDS
+    asked = request(client, **continuing(first, since))
+    asked.goal = Goal(kind=Goal.FOLLOW, orientation=Goal.FREE, path=[path])
+    asked.limits.path_position_tolerance = [0.005]
+    inside = client.plan(asked)
+    assert inside.status.code == Status.COLLISION, inside.status
+    assert re.search(r"^goal\.path\.poses\[7\]\.pose\.position lies .* c2", inside.status.message)
+    asked.scene[0].spheres = []
+    second = client.plan(asked)
+    assert second.status.code == Status.SOLVED, second.status
+    assert second.inputs.previous_plan_id == first.plan_id
+    (planned,), (metrics,) = second.plans, second.metrics
+    assert nanoseconds(planned.joint_trajectory.header.stamp) == left_ns
+    assert planned.duration == pytest.approx(nanoseconds(path.poses[-1].header.stamp) / NANOSECONDS)
+    assert 0.0 < metrics.max_path_position_error <= 0.005
+    end_ns = nanoseconds(went[-1].header.stamp)
+    at_end = [
+        one for one in planned.end_effector_path.poses if nanoseconds(one.header.stamp) >= end_ns
+    ]
+    here, there = (one.pose.position for one in (at_end[0], path.poses[-1]))
+    off = np.array([here.x - there.x, here.y - there.y, here.z - there.z])
+    assert np.linalg.norm(off) <= 0.005
+    joined = joint_motion(plan_from_answer(first).trajectory).at(np.array([since]))
+    point = planned.joint_trajectory.points[0]
+    for found, wanted in zip(
+        (point.positions, point.velocities, point.accelerations), joined, strict=True
+    ):
+        assert found == pytest.approx(wanted[0], abs=1e-11)
+
+
 def test_it_describes_what_it_can_be_asked_for(client: Client) -> None:
     """Asked by a stranger who knows the messages alone; compared with the robot itself."""
     told = client.call(Describe, "/ff_planner/describe", Describe.Request())
@@ -283,7 +331,7 @@ def test_the_bag_has_every_publication_and_who_asked_for_it(
     by_id = [plan for plan in heard if plan.requester in ("executive", "~/publish_plan")]
     with open_bag(planner.bag) as opened:
         continued = [one for one in replayable(opened) if one.interface == "replanning"]
-    assert len(continued) == 5
+    assert len(continued) == 7
     for one in continued:
         again = replay(one)
         verdict = Verdict.IDENTICAL if one.task else Verdict.NOT_PLANNED

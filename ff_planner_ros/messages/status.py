@@ -17,8 +17,23 @@ from ff_planner_ros.errors import (
 from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 
+# Fields of postures and paths to follow in requests, by the keys of a scenario.
+GOAL_FIELDS = {
+    "target.joints.position": "goal.joints.position",
+    "target.joints.velocity": "goal.joints.velocity",
+    "target.path": "goal.path.poses",
+    "target.position_tolerance": "limits.path_position_tolerance",
+    "target.orientation_tolerance": "limits.path_orientation_tolerance",
+}
+# A field of a path's point, and its places in the point's pose.
+_POINT = re.compile(r"(?<![\w.])target\.path\[(\d+)\]\.(\w+)")
+_IN_POSES = {
+    "time": "header.stamp",
+    "position": "pose.position",
+    "quaternion_xyzw": "pose.orientation",
+}
 # Fields of a request by the keys of a scenario, which refusals of the planner name.
-_FIELDS = names_in(PlanningProblem) | NAMED_AS
+_FIELDS = names_in(PlanningProblem) | NAMED_AS | GOAL_FIELDS
 _KEYS = re.compile(
     rf"(?<![\w.])({'|'.join(re.escape(key) for key in _FIELDS if '.' in key)})(?![\w.]\w)"
 )
@@ -59,7 +74,14 @@ def status_fields(error: FfPlannerError) -> dict[str, Any]:
     }
 
 
+def path_named(text: str) -> str:
+    """Return a text with the fields of a request's poses for those of a path's points."""
+    return _POINT.sub(
+        lambda found: f"goal.path.poses[{found[1]}].{_IN_POSES.get(found[2], found[2])}", text
+    )
+
+
 def _in_request(text: str) -> str:
     """Return a text with a request's fields for a scenario's keys."""
-    text = _PHASE.sub(lambda phase: f"then[{int(phase[1]) - 1}]", text)
+    text = _PHASE.sub(lambda phase: f"then[{int(phase[1]) - 1}]", path_named(text))
     return _KEYS.sub(lambda key: _FIELDS[key[0]], text)

@@ -18,6 +18,7 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named, fields_renamed
 from ff_planner_ros.messages.obstacles import obstacles_of
 from ff_planner_ros.messages.payloads import robot_holding
+from ff_planner_ros.messages.status import GOAL_FIELDS, path_named
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
 from ff_planner_ros.messages.wheels import wheel_momenta_in
 from ff_planner_ros.parameters import NodeParameters
@@ -37,12 +38,11 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.joint_names import (
-    GOAL_JOINTS,
     joint_order,
     of_joints_in,
     posture_in,
 )
-from ff_planner_ros.ros.messages.paths import path_in, path_named
+from ff_planner_ros.ros.messages.paths import path_in
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
     from builtin_interfaces.msg import Time
@@ -120,7 +120,7 @@ def problem_from_request(
         require_frame("goal.pose.header.frame_id", target_frame, parameters.inertial_frame)
     most = parameters.limits.limits().of_joints(robot.joints)
     names = names_in(PlanningProblem) | names_in(DurationRange, "duration")
-    with fields_renamed(path_named), fields_named(NAMED_AS | names | GOAL_JOINTS):
+    with fields_named(NAMED_AS | names | GOAL_FIELDS), fields_renamed(path_named):
         given = values_in(PlanningProblem, request, names=_names(request, body))
         of_path = None if path is None else path.duration
         given["duration"], given["duration_range"] = duration_in(request, remaining, of_path)

@@ -20,11 +20,6 @@ if TYPE_CHECKING:
 
 # Most names of joints in an error: more than any arm has would bury the message.
 _NAMES_SHOWN = 20
-# Fields of a joint goal in messages, by those of a scenario.
-GOAL_JOINTS = {
-    f"target.joints.{ours}": f"goal.joints.{theirs}"
-    for ours, theirs in (("position", "position"), ("velocity", "velocity"))
-}
 
 
 def joints_named(wanted: Sequence[str]) -> Callable[[bytes], Iterator[str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,14 @@ from nav_msgs.msg import Path
 
 from ff_planner_ros.common.arrays import normalising_to
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
-from ff_planner_ros.errors import InvalidInput, Status, fields_placed, fields_renamed
+from ff_planner_ros.errors import (
+    InvalidInput,
+    Status,
+    fields_named,
+    fields_placed,
+    fields_renamed,
+)
+from ff_planner_ros.messages.status import GOAL_FIELDS, path_named
 from ff_planner_ros.planning.problem.goal_words import GoalKind, Orientation
 from ff_planner_ros.planning.problem.path.followed import PathPoint, PathToFollow
 
@@ -22,23 +28,6 @@ if TYPE_CHECKING:
 
 # Numbers of a goal's orientations, as messages have them.
 _FIXED, _FREE, _ABOUT_AXIS = range(len(Orientation))
-_PLACES = {
-    "time": "header.stamp",
-    "position": "pose.position",
-    "quaternion_xyzw": "pose.orientation",
-}
-_POINT = re.compile(r"^target\.path\[(\d+)\]\.(.*)$")
-
-
-def path_named(field: str) -> str:
-    """Return the place in a request of a field of a scenario's path to follow."""
-    if found := _POINT.match(field):
-        return f"goal.path.poses[{found[1]}].{_PLACES.get(found[2], found[2])}"
-    if field.startswith("target.path"):
-        return field.replace("target.path", "goal.path.poses", 1)
-    if field in ("target.position_tolerance", "target.orientation_tolerance"):
-        return field.replace("target.", "limits.path_", 1)
-    return field
 
 
 def path_in(goal: Goal, limits: Limits, inertial_frame: str) -> PathToFollow | None:
@@ -64,7 +53,7 @@ def path_in(goal: Goal, limits: Limits, inertial_frame: str) -> PathToFollow | N
         for name in ("position_tolerance", "orientation_tolerance")
         if getattr(limits, f"path_{name}")
     }
-    with fields_renamed(path_named):
+    with fields_named(GOAL_FIELDS), fields_renamed(path_named):
         points = []
         for number, one in enumerate(message.poses):
             place, turn = one.pose.position, one.pose.orientation

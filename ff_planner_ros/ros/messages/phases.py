@@ -15,6 +15,7 @@ from ff_planner_ros.errors import (
     fields_renamed,
 )
 from ff_planner_ros.messages.payloads import payload_in
+from ff_planner_ros.messages.status import GOAL_FIELDS, path_named
 from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.problem.goal_words import GoalKind
@@ -35,15 +36,15 @@ from ff_planner_ros.ros.messages.from_messages import (
     require_known_goal,
 )
 from ff_planner_ros.ros.messages.interfaces import entry_of
-from ff_planner_ros.ros.messages.joint_names import GOAL_JOINTS, posture_in
-from ff_planner_ros.ros.messages.paths import path_in, path_named
+from ff_planner_ros.ros.messages.joint_names import posture_in
+from ff_planner_ros.ros.messages.paths import path_in
 from ff_planner_ros.ros.messages.to_messages import (
     goal_of_joints,
     payload_message,
 )
 
 FIELD = "then"
-_NAMES = names_in(Phase) | names_in(PlanningTask) | GOAL_JOINTS
+_NAMES = names_in(Phase) | names_in(PlanningTask) | GOAL_FIELDS
 
 
 def phases_in(
@@ -61,7 +62,7 @@ def phases_in(
     phases = []
     for index, message in enumerate(value_at(request, FIELD)):
         placed = fields_placed(f"{FIELD}[{index}]")
-        with placed, fields_renamed(path_named), fields_named(_NAMES):
+        with placed, fields_named(_NAMES), fields_renamed(path_named):
             phases.append(_phase(message, robot, parameters, body))
     if phases and body is not None and request.goal.kind == GoalKind.CAPTURE:
         with fields_named(NAMED_AS):
