@@ -185,7 +185,7 @@ def test_everything_is_done_by_the_keyboard(console: Callable[..., Console]) -> 
     page.wait_for("plan 1: planned")
     tab_to("plan 1")
     marked = page.page.locator("[data-combobox-selected]")
-    for _ in range(1_000):  # the list may take another one while it opens: as a user, try again
+    for _ in range(1_000):  # while the list opens, a key may mark another plan: press again
         page.page.keyboard.press("ArrowUp")
         if marked.all_inner_texts() == ["capture"]:
             page.page.keyboard.press("Enter")

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ff_planner_msgs.msg import ChaserState, Goal, PlanAnswer, PlanRequest, PlanStatus
+from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.srv import Describe
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
@@ -190,6 +191,16 @@ def continuing(made: PlanAnswer, since: float, **changes: Any) -> dict[str, Any]
     return fields | {"start_state": state_in(made, since - 0.2)} | changes
 
 
+def require_joined(planned: PlanMessage, first: PlanAnswer, since: float) -> None:
+    """Require that the joints begin as another plan moves them so long after its begin [s]."""
+    joined = joint_motion(plan_from_answer(first).trajectory).at(np.array([since]))
+    point = planned.joint_trajectory.points[0]
+    for found, wanted in zip(
+        (point.positions, point.velocities, point.accelerations), joined, strict=True
+    ):
+        assert found == pytest.approx(wanted[0], abs=1e-11)
+
+
 def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
     first = client.plan(request(client))
     assert first.status.code == Status.SOLVED, first.status
@@ -201,12 +212,7 @@ def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
     delay = (begin_ns(second) - nanoseconds(inputs.received_stamp)) / NANOSECONDS
     assert inputs.handover_delay == pytest.approx(delay)
     assert planned.duration == pytest.approx(joined.duration - 3.0, abs=1e-12)
-    there = joint_motion(plan_from_answer(first).trajectory).at(np.array([3.0]))
-    point = planned.joint_trajectory.points[0]
-    for found, wanted in zip(
-        (point.positions, point.velocities, point.accelerations), there, strict=True
-    ):
-        assert found == pytest.approx(wanted[0], abs=1e-11)
+    require_joined(planned, first, 3.0)
     plan = published(client, second.plan_id)
     assert plan.joint_trajectory.header.stamp == planned.joint_trajectory.header.stamp
     # The state is from before the second plan begins, while the first one still runs.
@@ -267,12 +273,7 @@ def test_a_plan_leaves_the_one_that_runs_for_a_path_to_follow(client: Client) ->
     here, there = (one.pose.position for one in (at_end[0], path.poses[-1]))
     off = np.array([here.x - there.x, here.y - there.y, here.z - there.z])
     assert np.linalg.norm(off) <= 0.005
-    joined = joint_motion(plan_from_answer(first).trajectory).at(np.array([since]))
-    point = planned.joint_trajectory.points[0]
-    for found, wanted in zip(
-        (point.positions, point.velocities, point.accelerations), joined, strict=True
-    ):
-        assert found == pytest.approx(wanted[0], abs=1e-11)
+    require_joined(planned, first, since)
 
 
 def test_it_describes_what_it_can_be_asked_for(client: Client) -> None:

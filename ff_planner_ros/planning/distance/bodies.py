@@ -42,12 +42,11 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
     rotations[:, 0], positions[:, 0] = np.eye(3), 0.0
     for k, before in enumerate(tree.before.tolist()):
         np.matmul(rotations[:, before], steps[:, k], out=rotations[:, k + 1])
-    carried = rotations[:, tree.before]
-    of_joints = _joints_in_bodies(robot)
-    offsets, axes, slides = ((carried @ each[:, :, None])[..., 0] for each in of_joints)
+    before_joints, of_joints = rotations[:, tree.before], _joints_in_bodies(robot)
+    placed, axes, slides = ((before_joints @ each[:, :, None])[..., 0] for each in of_joints)
     slid = moved[..., None] * slides
     for k, before in enumerate(tree.before.tolist()):
-        positions[:, k + 1] = positions[:, before] + offsets[:, k] + slid[:, k]
+        positions[:, k + 1] = positions[:, before] + placed[:, k] + slid[:, k]
     carriers, placements, offsets, centers = _in_joints(robot)
     carried = rotations[:, carriers]
     stretches = np.zeros((count, len(carriers), 3))

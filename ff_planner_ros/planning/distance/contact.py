@@ -104,8 +104,6 @@ def _with_obstacles(
     at_time = np.array([time])
     near = obstacle_bounds(robot, placed, q[None], at_time, around) <= within
     near.reshape(-1)[may_touch(problem, split_obstacles(problem), q, time)] = False
-    if not near.any():
-        return
     at = np.nonzero(near)
     there = around.seen_from_base(q[None], at_time, at[0], at[2])
     measured = obstacle_distances(robot, placed, there, around, at)
